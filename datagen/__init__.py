@@ -1,0 +1,1 @@
+"""Data sets: families of scenes, trajectory files, and folders of them."""

@@ -1,0 +1,1 @@
+"""Learned simulators: graphs, segments, M4GN, training, rollouts, and their fidelity report."""

@@ -1,0 +1,147 @@
+"""A table of values from a stranger's file, read into a frozen dataclass.
+
+The dataclass is the schema: its fields name the keys, its annotations give the types, its defaults are the
+defaults, and `quantity(...)` states unit and bounds. Whatever does not fit is refused in one line that names
+the place, the value, the limit and, for an unknown key, the nearest known one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import tomllib
+import types
+import typing
+from dataclasses import MISSING, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+class InputError(ValueError):
+    """Wrong input: one line that says what is wrong, where, and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Unit and limits of one value: `above` and `below` exclude the limit, `at_least` and `at_most` include it."""
+
+    unit: str = ""
+    above: float | None = None
+    below: float | None = None
+    at_least: float | None = None
+    at_most: float | None = None
+    choice: tuple[str, ...] = ()
+
+    def check(self, value: Any, where: str) -> None:
+        """Raise `InputError` when a value, or one entry of a tuple, lies outside of the limits."""
+        for entry in value if isinstance(value, tuple) else (value,):
+            if isinstance(entry, tuple):
+                self.check(entry, where)
+                continue
+            if self.choice and entry not in self.choice:
+                raise InputError(f"{where} = {entry!r}: must be one of {', '.join(self.choice)}{nearest(str(entry), self.choice)}")
+            for ok, limit, words in (
+                (self.above is None or entry > self.above, self.above, "above"),
+                (self.below is None or entry < self.below, self.below, "below"),
+                (self.at_least is None or entry >= self.at_least, self.at_least, "at least"),
+                (self.at_most is None or entry <= self.at_most, self.at_most, "at most"),
+            ):
+                if not ok:
+                    raise InputError(f"{where} = {entry!r}: must be {words} {limit:g}{' ' + self.unit if self.unit else ''}")
+
+
+def quantity(default: Any = MISSING, *, unit: str = "", above: float | None = None, below: float | None = None,
+             at_least: float | None = None, at_most: float | None = None, choice: tuple[str, ...] = ()) -> Any:
+    """A dataclass field with a unit and bounds; without a default the key is required."""
+    bound = Bound(unit, above, below, at_least, at_most, choice)
+    return dataclasses.field(default=default, metadata={"bound": bound})
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The table in a TOML file. Raises `InputError` when there is none or when it is not TOML."""
+    try:
+        text = Path(path).read_bytes().decode()
+        return tomllib.loads(text)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file: {error}") from None
+
+
+def read_table(kind: type[T], table: Any, where: str = "") -> T:
+    """A frozen dataclass from a table of plain values.
+
+    Args:
+        kind: a dataclass whose fields are str, bool, int, float, tuples of them, dataclasses, or one of these | None
+        table: what `tomllib` returned
+        where: the place in the file, as it stands in the messages
+
+    Raises:
+        InputError: a missing or unknown key, a wrong type, a value that is not finite or out of its bounds
+    """
+    if not isinstance(table, dict):
+        raise InputError(f"{where or 'the file'} must be a table, not {_name(table)}")
+    fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    hints = typing.get_type_hints(kind)
+    for key in table:
+        if key not in fields:
+            raise InputError(f"{_at(where, key)}: unknown key{nearest(key, fields)}")
+    values = {}
+    for name, field in fields.items():
+        if name not in table:
+            if field.default is MISSING and field.default_factory is MISSING:
+                raise InputError(f"{_at(where, name)}: missing")
+            continue
+        values[name] = _value(hints[name], table[name], _at(where, name))
+        if "bound" in field.metadata and values[name] is not None:
+            field.metadata["bound"].check(values[name], _at(where, name))
+    return kind(**values)
+
+
+def to_table(value: Any) -> Any:
+    """The plain table of a dataclass, without the keys that are None: what `read_table` reads back."""
+    if dataclasses.is_dataclass(value):
+        pairs = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value))
+        return {name: to_table(entry) for name, entry in pairs if entry is not None}
+    return [to_table(entry) for entry in value] if isinstance(value, tuple) else value
+
+
+def nearest(word: str, known: typing.Iterable[str]) -> str:
+    """'; did you mean X?' for the known word nearest to a given one, or nothing."""
+    found = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {found[0]!r}?" if found else ""
+
+
+def _at(where: str, key: str) -> str:
+    return f"{where}.{key}" if where else key
+
+
+def _name(value: Any) -> str:
+    names = {dict: "a table", list: "an array", str: "a string", bool: "a boolean", int: "an integer", float: "a number"}
+    return names.get(type(value), type(value).__name__)
+
+
+def _value(hint: Any, value: Any, where: str) -> Any:
+    """One value converted to an annotated type, or `InputError`."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (types.UnionType, typing.Union):
+        return _value(next(a for a in arguments if a is not type(None)), value, where)
+    if dataclasses.is_dataclass(hint):
+        return read_table(hint, value, where)  # type: ignore[arg-type]
+    if origin is tuple:
+        if not isinstance(value, list):
+            raise InputError(f"{where} must be an array, not {_name(value)}")
+        if arguments[-1] is not Ellipsis and len(value) != len(arguments):
+            raise InputError(f"{where} must have {len(arguments)} entries, not {len(value)}")
+        return tuple(_value(arguments[0], entry, f"{where}[{i}]") for i, entry in enumerate(value))
+    if hint is float and type(value) in (int, float):
+        if not math.isfinite(value):
+            raise InputError(f"{where} = {value}: must be finite")
+        return float(value)
+    if type(value) is not hint:
+        wanted = {float: "a number", int: "an integer", str: "a string", bool: "a boolean"}[hint]
+        raise InputError(f"{where} must be {wanted}, not {_name(value)}")
+    return value
