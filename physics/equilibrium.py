@@ -53,7 +53,7 @@ class Solution:
 
     mesh: Mesh
     displacement: Floats  # (T, N, 3) [m]
-    reaction: Floats  # (T, 3) [N] force of the body on the obstacle; without one, on its supports
+    reaction: Floats  # (T, 3) [N] force of the body on the obstacle; without one, on the supports that move, or on all
     energy: Floats  # (T,) [J]
     penetration: Floats  # (T,) [m]
     smallest_det_f: Floats  # (T,)
@@ -85,6 +85,8 @@ class Path:
     def __init__(self, scene: Scene, mesh: Mesh) -> None:
         self.scene, self.mesh = scene, mesh
         self.fixed, self.target = held(scene, mesh), prescribed(scene, mesh)
+        # Without an obstacle the reaction is that on the supports that move, if any does, else on all of them.
+        self._bearing = (self.target.any(axis=1) if self.target.any() else self.fixed.any(axis=1)).nonzero()[0]
         self.elasticity = Elasticity(mesh, scene.material, self.fixed)
         self.load = traction_load(scene, mesh)
         for load in scene.load:
@@ -226,11 +228,11 @@ class Path:
             touched = gap + self.contact.softness * pressure
             gap_error = float(np.where(pressure > 0, abs(touched), -np.minimum(gap, 0)).max())
             penetration = max(0.0, -float(gap.min()))
-        reaction = -(pressure @ normal) if pressure.any() else force[self.fixed.any(axis=1)].sum(axis=0)
+            reaction = -(pressure @ normal)
+        else:
+            reaction = -force[self._bearing].sum(axis=0)
         scale = np.linalg.norm(reaction) if pressure.any() else np.linalg.norm(force[self.fixed])
         residual = float(np.linalg.norm(force[~self.fixed]) / max(float(scale), self.floor / TOLERANCE))
-        if self.contact is not None and not pressure.any():
-            reaction = np.zeros(3)
         return residual, reaction, gap_error, penetration
 
     def _advice(self) -> str:
@@ -296,7 +298,7 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None) -> Solu
     return Solution(
         mesh=mesh, displacement=u, reaction=np.array([state.reaction for state in states]), energy=np.array(energy),
         penetration=np.array([state.penetration for state in states]),
-        smallest_det_f=np.array([smallest_det_f(mesh.points, frame, mesh.cells, mesh.cell) for frame in u]),
+        smallest_det_f=smallest_det_f(mesh.points, u, mesh.cells, mesh.cell),
         newton_iterations=np.array([state.iterations for state in states]),
         relative_residual=np.array([state.residual for state in states]), factorisations=path.factor.count,
         halvings=path.halvings, model=model(scene), seconds=time.perf_counter() - started, failure=failure)

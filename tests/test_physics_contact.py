@@ -1,0 +1,75 @@
+"""Obstacles and contact: distances, points of the surface, and the complementarity problem."""
+
+import numpy as np
+import pytest
+import scipy.optimize
+
+from physics.contact import ContactSurface, solve_complementarity
+from physics.mesh import build_mesh
+from physics.obstacle import Rigid
+from physics.scene import Body, Obstacle
+from physics.supports import nodal_areas
+
+SPHERE = Obstacle(shape="sphere", radius=0.3, path=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
+CYLINDER = Obstacle(shape="cylinder", radius=0.3, axis=(0.0, 2.0, 1.0), path=((0.1, 0.2, 0.3),))
+
+
+@pytest.mark.parametrize("obstacle", [SPHERE, CYLINDER])
+def test_normal_is_the_gradient_of_the_gap(obstacle):
+    rigid, points = Rigid(obstacle), np.random.default_rng(0).normal(size=(50, 3))
+    centre = rigid.position(0.0)
+    gap, normal = rigid.gap(points, centre)
+    step = 1e-6  # central differences: order step^2
+    slope = [(rigid.gap(points + step * e, centre)[0] - rigid.gap(points - step * e, centre)[0]) / (2 * step) for e in np.eye(3)]
+    assert np.transpose(slope) == pytest.approx(normal, abs=1e-8)
+    assert rigid.gap(points - gap[:, None] * normal, centre)[0] == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("obstacle", [SPHERE, CYLINDER])
+def test_surface_mesh_is_closed_and_lies_on_the_surface(obstacle):
+    rigid = Rigid(obstacle)
+    points, triangles = rigid.surface_mesh(size=0.1, extent=(-0.5, 0.5))
+    on_axis_or_surface = np.minimum(abs(rigid.gap(points, rigid.path[0])[0]), abs(rigid.gap(points, rigid.path[0])[0] + 0.3))
+    assert on_axis_or_surface == pytest.approx(0, abs=1e-12)
+    directed = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    assert sorted(map(tuple, directed)) == sorted(map(tuple, directed[:, ::-1]))  # each edge once in either direction
+    a, b, c = (points[triangles[:, i]] - rigid.path[0] for i in range(3))
+    volume = (np.cross(a, b) * c).sum() / 6
+    exact = np.pi * 0.3**2 if obstacle.shape == "cylinder" else 4 / 3 * np.pi * 0.3**3
+    assert 0.85 * exact < volume < exact  # inscribed, outward
+
+
+def test_waypoints_are_reached_at_equal_fractions():
+    rigid = Rigid(SPHERE)
+    assert rigid.position(0.25) == pytest.approx([0.5, 0, 0])
+    assert rigid.position(0.5) == pytest.approx([1, 0, 0])
+    assert rigid.position(1.0) == pytest.approx([1, 1, 0])
+
+
+@pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
+@pytest.mark.parametrize("kind", ["facets", "nodes"])
+def test_points_carry_the_whole_surface(cell, kind):
+    mesh = build_mesh(Body(length=0.3, width=0.2, height=0.1, cells=(3, 2, 2), cell=cell))
+    surface = ContactSurface(mesh, kind, np.zeros(len(mesh.points), bool))
+    assert surface.area.sum() == pytest.approx(2 * (0.06 + 0.03 + 0.02))
+    assert surface.weights.sum(axis=1) == pytest.approx(1)
+    # Nodal forces of a uniform pressure on the top are those of its shape functions.
+    top = surface.positions(mesh.points)[:, 2] > 0.1 - 1e-9
+    inner = np.setdiff1d(mesh.places["z-max"], np.concatenate([mesh.places[p] for p in ("x-min", "x-max", "y-min", "y-max")]))
+    if kind == "facets":
+        assert (surface.weights.T @ (surface.area * top))[inner] == pytest.approx(nodal_areas(mesh, "z-max")[inner])
+    assert len(np.unique(surface.positions(mesh.points).round(9), axis=0)) == len(surface.area)  # no point twice
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_complementarity_problem_is_solved_exactly(seed):
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(30, 20))  # more points than the body can tell apart: rank 20 plus a little softness
+    matrix, gap = factor @ factor.T + 1e-6 * np.eye(30), rng.normal(size=30)
+    p = solve_complementarity(matrix, gap, np.zeros(30, bool))
+    w = gap + matrix @ p
+    assert p.min() >= 0 and w.min() > -1e-8
+    assert abs(p * w).max() < 1e-8
+    again = scipy.optimize.minimize(lambda x: x @ matrix @ x / 2 + gap @ x, np.ones(30), jac=lambda x: matrix @ x + gap,
+                                    bounds=[(0, None)] * 30, method="L-BFGS-B", options={"maxiter": 10000})
+    assert p @ matrix @ p / 2 + gap @ p <= again.fun + 1e-9

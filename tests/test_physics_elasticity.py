@@ -1,0 +1,94 @@
+"""Energy, forces and stiffness of a body: exact solutions, derivatives, and invariance."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from physics.elasticity import Elasticity
+from physics.equilibrium import solve
+from physics.material import LAWS
+from physics.mesh import build_mesh
+from physics.scene import Body, Material
+from tests.scenes import beam
+
+CELLS = ("prism", "tetrahedron", "hexahedron")
+
+# Uniaxial nominal stress [Pa] of the solids4foam law, E = 1 MPa, nu = 0.4, with the lateral stretch: the root of dW/dl = 0.
+UNIAXIAL = {0.5: (-1171231.57, 1.322931), 0.8: (-256160.73, 1.094382), 0.9: (-112032.43, 1.043300),
+            1.1: (90676.98, 0.962834), 1.5: (339862.62, 0.855271), 2.0: (539040.19, 0.773415)}
+
+
+def distorted(cell, law="neo-hookean", seed=0):
+    """A block whose inner nodes are moved by up to a fifth of a cell, its elasticity, and the mask of the outer nodes."""
+    mesh = build_mesh(Body(length=0.3, width=0.2, height=0.2, cells=(3, 2, 2), cell=cell))
+    outer = np.zeros(len(mesh.points), bool)
+    outer[np.concatenate(list(mesh.places.values()))] = True
+    moved = mesh.points + np.where(outer[:, None], 0, np.random.default_rng(seed).uniform(-0.02, 0.02, mesh.points.shape))
+    mesh = dataclasses.replace(mesh, points=moved)
+    material = Material(law=law, young_modulus=1e6, poisson_ratio=0.4)
+    return mesh, Elasticity(mesh, material, np.zeros(mesh.points.shape, bool)), outer
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("cell", CELLS)
+def test_uniform_strain_is_exact_on_distorted_cells(cell, law):
+    mesh, elasticity, outer = distorted(cell, law)
+    gradient = np.array([[0.1, 0.05, 0.0], [0.02, -0.04, 0.03], [0.0, 0.01, 0.06]])
+    force = elasticity.force(mesh.points @ gradient.T)
+    # Patch test: uniform stress leaves no force on inner nodes. Its size next to outer forces is that of the rounding,
+    # but for prisms and hexahedra also that of the quadrature of slightly curved facets, which is exact for uniform F too.
+    assert np.linalg.norm(force[~outer]) < 1e-12 * np.linalg.norm(force[outer])
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_rigid_motion_stores_nothing(cell):
+    mesh, elasticity, _ = distorted(cell)
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    u = mesh.points @ turn.T + [0.1, 0.2, 0.3] - mesh.points
+    scale = 1e6 * 0.3 * 0.2 * 0.2
+    assert abs(elasticity.energy(u)) < 1e-12 * scale  # rounding of a sum over cells of terms of the size of E V
+    assert abs(elasticity.force(u)).max() < 1e-12 * scale / 0.1
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_forces_and_stiffness_are_derivatives(law):
+    mesh, elasticity, _ = distorted("prism", law)
+    rng = np.random.default_rng(2)
+    u, v = rng.uniform(-0.01, 0.01, (2, *mesh.points.shape))
+    step = 1e-4  # central differences: error of order step^2 = 1e-8, rounding 1e-16 / 1e-4 = 1e-12
+    slope = (elasticity.energy(u + step * v) - elasticity.energy(u - step * v)) / (2 * step)
+    assert slope == pytest.approx((elasticity.force(u) * v).sum(), rel=1e-6)
+    change = (elasticity.force(u + step * v) - elasticity.force(u - step * v)) / (2 * step)
+    stiffness = elasticity.stiffness(u)
+    right, left = stiffness.createVecs()
+    right.array[:] = elasticity.space.to_dofs(v)
+    stiffness.mult(right, left)
+    product = elasticity.space.from_dofs(left.array)
+    assert np.linalg.norm(product - change) < 1e-6 * np.linalg.norm(change)
+    assert stiffness.isSymmetric(1e-9 * stiffness.norm())
+
+
+def test_mass_is_that_of_the_body():
+    mesh, elasticity, _ = distorted("prism")
+    weight = elasticity.weight(np.array([0, 0, -9.81]))
+    assert weight.sum(axis=0) == pytest.approx([0, 0, -9.81 * 1000 * 0.3 * 0.2 * 0.2], rel=1e-12, abs=1e-9)
+
+
+@pytest.mark.parametrize("stretch", UNIAXIAL)
+def test_uniaxial_stress_of_the_default_law(stretch):
+    """A bar on sliding walls is pulled; its state is uniform, so first-order cells give the stress exactly."""
+    side = 0.02
+    scene = beam(
+        body={"length": side, "width": side, "height": side, "cells": [2, 2, 2]},
+        support=[{"where": "x-min", "fixed": "x"}, {"where": "y-min", "fixed": "y"}, {"where": "z-min", "fixed": "z"},
+                 {"where": "x-max", "fixed": "x", "displacement": [(stretch - 1) * side, 0.0, 0.0]}])
+    solution = solve(scene)
+    assert not solution.failure
+    stress, lateral = UNIAXIAL[stretch]
+    mesh, u = solution.mesh, solution.displacement[-1]
+    elasticity = Elasticity(mesh, scene.material, np.zeros(u.shape, bool))
+    pulled = elasticity.force(u)[mesh.places["x-max"], 0].sum() / side**2
+    assert pulled == pytest.approx(stress, rel=1e-6)  # the reference has 6 digits or more
+    assert 1 + u[mesh.places["y-max"], 1] / side == pytest.approx(lateral, abs=1e-6)
