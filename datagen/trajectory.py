@@ -40,6 +40,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from physics.mesh import VTK_TYPE, Mesh
 from physics.schema import InputError
 
 SCHEMA = 1
@@ -79,6 +80,12 @@ class Trajectory:
     def free(self) -> NDArray[np.bool_]:
         """(N,) True on the nodes that the simulation moves: neither obstacle nor held."""
         return self.node_kind == NORMAL
+
+    @property
+    def mesh(self) -> Mesh:
+        """The body at rest, without named faces."""
+        kind = next(name for name, vtk_type in VTK_TYPE.items() if vtk_type == self.types[0])
+        return Mesh(self.points[self.body], self.cells_of(self.types[0]), kind, {})
 
     def cells_of(self, vtk_type: int) -> NDArray[np.int64]:
         """(C, n) node numbers of the cells of one VTK type."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,14 @@ def unique_edges(cells: Integers, cell: str) -> Integers:
     """(E, 2) edges of some cells, each once, the smaller node number first."""
     pairs = np.concatenate([cells[:, list(edge)] for edge in EDGES[cell]])
     return np.unique(np.sort(pairs, axis=1), axis=0)
+
+
+def write_mesh(path: str | Path, mesh: Mesh, fields: dict[str, Floats]) -> None:
+    """Write a mesh and its nodal fields (N,) or (N, 3) to a file of any kind that meshio knows by its ending."""
+    import meshio
+
+    kind = {"prism": "wedge", "tetrahedron": "tetra"}.get(mesh.cell, mesh.cell)
+    meshio.Mesh(mesh.points, [(kind, mesh.cells)], point_data=fields).write(path)
 
 
 def build_mesh(body: Body) -> Mesh:

@@ -1,0 +1,294 @@
+"""The command line: one small function for each verb, wiring only.
+
+Every verb takes --json: one object on standard output and nothing else there; progress and remarks go to standard error.
+Exit status: 0 done, 1 the work failed (with what was saved and where), 2 the input is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+from tqdm import tqdm
+
+from physics.schema import InputError
+
+Options = argparse.Namespace
+
+
+class WorkError(RuntimeError):
+    """The work failed; the message says how, and what was saved where."""
+
+
+def modes(options: Options) -> dict[str, Any]:
+    """Elastic modes of a scene's body."""
+    from physics.modes import elastic_modes
+    from physics.scene import load_scene
+
+    scene = load_scene(options.scene)
+    out = _writable(options.out, ".vtu")
+    found = elastic_modes(scene, count=options.count)
+    if out is not None:
+        from physics.mesh import write_mesh
+
+        write_mesh(out, found.mesh, {f"mode_{i + 1}": shape for i, shape in enumerate(found.pictured)})
+    for i, hz in enumerate(found.frequencies_hz):
+        _say(options, f"mode {i + 1:3d}  {hz:12.6g} Hz  residual {found.residuals[i]:.1e}")
+    return {"kind": "elastic", "frequencies_hz": list(found.frequencies_hz), "residuals": found.residuals.tolist(),
+            "dofs": found.dofs, "seconds": found.seconds}
+
+
+def simulate(options: Options) -> dict[str, Any]:
+    """The quasi-static path of a scene, by finite elements."""
+    from datagen.generate import trajectory_of
+    from physics.equilibrium import solve
+    from physics.scene import load_scene
+
+    scene = load_scene(options.scene)
+    out = _writable(options.out, ".vtkhdf")
+    from datagen.trajectory import write_trajectory
+
+    with tqdm(total=scene.steps.count, disable=None, desc="simulate", unit="step") as bar:
+        solution = solve(scene, on_step=lambda step: bar.update(step - bar.n))
+    write_trajectory(out, trajectory_of(scene, solution=solution))
+    steps = len(solution.displacement) - 1
+    if solution.failure:
+        raise WorkError(f"{solution.failure}; the {steps} steps before it are in {out}")
+    result = {"steps": steps, "ms_per_step": 1e3 * solution.seconds / steps,
+              "newton_iterations": int(solution.newton_iterations.sum()), "factorisations": solution.factorisations,
+              "largest_relative_residual": float(solution.relative_residual.max()),
+              "largest_penetration": float(solution.penetration.max()),
+              "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
+              "model": solution.model, "seconds": solution.seconds}
+    _say(options, f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
+                  f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
+    return result
+
+
+def generate(options: Options) -> dict[str, Any]:
+    """Trajectories of a family of scenes."""
+    from datagen.family import counts, load_family
+    from datagen.generate import generate as run
+
+    family = load_family(options.family)
+    wanted = counts(family, count=options.count, split=options.split)
+    out = _writable(options.out)
+    result = run(family, wanted, out, seed=options.seed, workers=options.workers)
+    _say(options, ", ".join(f"{key} {value}" for key, value in result.items()))
+    return result
+
+
+def dataset_check(options: Options) -> dict[str, Any]:
+    """Every file of a data set: layout, checksums, physics."""
+    from datagen.dataset import check
+
+    problems = check(options.folder)
+    for problem in problems:
+        _say(options, problem)
+    if problems:
+        raise WorkError(f"{len(problems)} problem{'s' if len(problems) > 1 else ''} in {options.folder}: {problems[0]}")
+    _say(options, f"{options.folder}: nothing wrong")
+    return {"problems": problems}
+
+
+def segment(options: Options) -> dict[str, Any]:
+    """Segments of a trajectory's mesh, written into its file."""
+    import time
+
+    import numpy as np
+
+    from datagen.trajectory import read_trajectory, write_trajectory
+    from learning.segments import segment as cut
+    from learning.segments import segment_quality
+
+    trajectory = read_trajectory(options.trajectory)
+    started = time.perf_counter()
+    label = cut(trajectory, count=options.segments, method=options.method)
+    seconds = time.perf_counter() - started
+    write_trajectory(options.trajectory, replace(trajectory, segment=label))
+    result = {"segments": int(label.max()) + 1, "nodes": np.bincount(label).tolist(), **segment_quality(trajectory, label),
+              "seconds": seconds}
+    _say(options, f"{result['segments']} segments of {min(result['nodes'])} to {max(result['nodes'])} nodes, "
+                  f"conductance {result['conductance']:.3f}, edge-cut ratio {result['edge_cut_ratio']:.3f}: {options.trajectory}")
+    return result
+
+
+def train(options: Options) -> dict[str, Any]:
+    """A network, trained on a data set."""
+    from datagen.dataset import files
+    from learning.config import load_config
+    from learning.train import train as run
+
+    config = load_config(options.config)
+    out = _writable(options.out)
+    result = run(config, files(options.data, "train"), files(options.data, "valid"), out, steps=options.steps,
+                 resume=options.resume)
+    error = result["best_error"]
+    _say(options, f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
+                  + (f", validation error {1e3 * error:.3f} mm" if error is not None else "") + f": {out}")
+    return result
+
+
+def rollout(options: Options) -> dict[str, Any]:
+    """A trained network's prediction of a whole trajectory."""
+    from datagen.trajectory import read_trajectory, write_trajectory
+    from learning.checkpoint import load_model
+    from learning.rollout import rollout as run
+    from physics.quality import rmse
+
+    model, trajectory = load_model(options.run), read_trajectory(options.trajectory)
+    out = _writable(options.out, ".vtkhdf")
+    prediction = run(model, trajectory)
+    write_trajectory(out, prediction)
+    error = rmse(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
+    _say(options, f"{len(prediction.displacement) - 1} steps, RMSE over all of them {1e3 * error:.3f} mm: {out}")
+    return {"steps": len(prediction.displacement) - 1, "rmse_all": error, **prediction.extra}
+
+
+def evaluate(options: Options) -> dict[str, Any]:
+    """Rollouts of a trained run, its rivals and the FE solver, in one report."""
+    from datagen.dataset import files
+    from learning.evaluate import evaluate as run
+
+    out = _writable(options.out or Path(options.run) / "report")
+    return run(options.run, files(options.data, options.split), out, say=lambda text: _say(options, text))
+
+
+def view(options: Options) -> dict[str, Any]:
+    """A film of a trajectory."""
+    import numpy as np
+
+    from datagen.trajectory import read_trajectory
+    from physics.view import Obstacle, film
+
+    trajectory = read_trajectory(options.trajectory)
+    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif")
+    body = trajectory.body
+    surface = None
+    if not body.all():
+        first = int(np.count_nonzero(body))
+        moved = trajectory.points[~body] + trajectory.displacement[:, ~body]
+        surface = Obstacle(moved, trajectory.cells_of(5) - first)
+    frames = film(out, trajectory.mesh, trajectory.displacement[:, body], obstacle=surface)
+    _say(options, f"{frames} pictures: {out}")
+    return {"pictures": frames, "out": str(out)}
+
+
+def demo(options: Options) -> dict[str, Any]:
+    """The whole line: modes, data, segments, training, rollouts, report."""
+    from learning.demo import run
+
+    return run(_writable(options.out), say=lambda text: _say(options, text))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        result = options.verb_function(options)
+        if options.json:
+            print(json.dumps(result))
+        return 0
+    except InputError as error:
+        return _fail(str(error), 2)
+    except (WorkError, FloatingPointError) as error:
+        return _fail(str(error), 1)
+    except OSError as error:
+        return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 1)
+    except KeyboardInterrupt:
+        return _fail("stopped; finished files are kept", 130)
+
+
+def _fail(message: str, status: int) -> int:
+    print("fidelity: " + " ".join(message.split("\n")), file=sys.stderr)
+    return status
+
+
+def _say(options: Options, text: str) -> None:
+    """A line for the reader: on standard output, or on standard error when that is taken by JSON."""
+    print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
+
+
+def _writable(path: str | Path | None, suffix: str = "") -> Any:
+    """The path of an output that can be written, checked before any work; None stays None."""
+    if path is None:
+        return None
+    path = Path(path)
+    if suffix and path.suffix != suffix:
+        raise InputError(f"--out {path}: the name must end in {suffix}")
+    if suffix and path.is_dir() or not suffix and path.exists() and not path.is_dir():
+        raise InputError(f"--out {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
+    folder = path.parent if suffix else path
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / f".{path.name}.probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"--out {path}: {error.strerror}") from None
+    return path
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise SystemExit(_fail(message.replace(" (choose from", "; choose from").rstrip(")"), 2))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="fidelity", description="Physics fidelity of learned mesh simulators, held against finite elements.")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
+
+    def verb(name: str, function: Callable[[Options], dict[str, Any]], *positional: str, into: Any = verbs) -> argparse.ArgumentParser:
+        about = (function.__doc__ or "").strip()
+        added = into.add_parser(name, help=about, description=about)
+        for argument in positional:
+            added.add_argument(argument)
+        added.add_argument("--json", action="store_true", help="one JSON object on standard output")
+        added.set_defaults(verb_function=function)
+        return added
+
+    add = verb("modes", modes, "scene").add_argument
+    add("--count", type=_positive, default=10, help="how many (10)")
+    add("--out", help="shapes as .vtu")
+    verb("simulate", simulate, "scene").add_argument("--out", required=True, help="trajectory, .vtkhdf")
+    add = verb("generate", generate, "family").add_argument
+    add("--out", required=True, help="folder")
+    add("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
+    add("--split", help="only train, valid or test")
+    add("--seed", type=int, default=0)
+    add("--workers", type=_positive, default=2, help="processes (2)")
+    of_data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
+    verb("check", dataset_check, "folder", into=of_data)
+    add = verb("segment", segment, "trajectory").add_argument
+    add("--segments", type=_positive, default=19, help="how many (19)")
+    add("--method", default="slic-mdod-e", help="metis or slic-mdod-e")
+    add = verb("train", train, "config").add_argument
+    add("--data", required=True, help="folder of a data set")
+    add("--out", required=True, help="folder of the run")
+    add("--steps", type=_positive, help="stop after this training step")
+    add("--resume", action="store_true", help="go on from the run's last checkpoint")
+    verb("rollout", rollout, "run", "trajectory").add_argument("--out", required=True, help="trajectory, .vtkhdf")
+    add = verb("evaluate", evaluate, "run").add_argument
+    add("--data", required=True, help="folder of a data set")
+    add("--split", default="test")
+    add("--out", help="folder of the report (RUN/report)")
+    verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
+    verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
+    return parser
+
+
+def _positive(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number above 0")
+    return int(text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
