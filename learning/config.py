@@ -1,0 +1,52 @@
+"""What a training is asked to do: its frozen dataclass is the schema, the defaults and the documentation of a TOML file.
+
+The defaults are the paper's for DeformingBeam; `configs/m4gn-beam.toml` writes them out, `configs/m4gn-small.toml` is the
+demo's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from learning.m4gn import M4GNConfig
+from learning.segments import METHODS
+from physics.schema import InputError, quantity, read_table, read_toml
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """Segments, graph, noise and schedule of one training.
+
+    segments, method, tau: see segments.py
+    contact_radius: r_W, the largest distance of a contact edge
+    noise: standard deviation of the disturbance of each component of a free node's position
+    learning_rate: kept for the first half, then falling exponentially to final_learning_rate
+    clip_norm: largest norm of the gradient of all weights together
+    steps, budget_seconds: training ends at whichever is reached first
+    validate_every: steps between checkpoints, each with a rollout of every validation trajectory
+    """
+
+    segments: int = quantity(19, at_least=1, at_most=100_000)
+    method: str = quantity("slic-mdod-e", choice=METHODS)
+    tau: float = quantity(0.5, at_least=0)
+    network: M4GNConfig = field(default_factory=M4GNConfig)
+    contact_radius: float = quantity(0.002, unit="m", above=0)
+    noise: float = quantity(1e-4, unit="m", at_least=0)
+    batch_size: int = quantity(8, at_least=1, at_most=10_000)
+    steps: int = quantity(1_000_000, at_least=1)
+    budget_seconds: float | None = quantity(None, unit="s", above=0)
+    learning_rate: float = quantity(1e-4, above=0)
+    final_learning_rate: float = quantity(1e-6, above=0)
+    clip_norm: float = quantity(1.0, above=0)
+    validate_every: int = quantity(10_000, at_least=1)
+    seed: int = quantity(0, at_least=0)
+
+
+def load_config(path: str | Path) -> TrainConfig:
+    """A config from a TOML file. Raises `InputError` in one line when anything about it is wrong."""
+    table = read_toml(path)
+    try:
+        return read_table(TrainConfig, table)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

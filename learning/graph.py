@@ -1,0 +1,158 @@
+"""From a trajectory to graphs: what the network sees of one frame.
+
+Nodes are those of the trajectory file, body first, obstacle last. Two kinds of directed edges, each in both directions:
+
+    mesh edges      the edges of the body's cells and of the obstacle's surface; they never change
+    contact edges   between an obstacle node and a body node with |x_i - x_j| <= r_W; found anew in every frame
+
+Features, with X rest positions, x current positions, v = x(t+1) - x(t) [m]; every one is free of the origin:
+
+    node            one-hot of its kind (free, obstacle, held), then the v of a node whose motion is prescribed
+                    (obstacle, or held), zero on free nodes
+    mesh edge       X_s - X_r, |X_s - X_r|, x_s - x_r, |x_s - x_r|    [m], s sender, r receiver
+    contact edge    x_s - x_r, |x_s - x_r|                            [m]
+
+Edges are sorted by receiver. A k-d tree finds the contact edges, so the cost is near linear in the nodes; a frame without
+any contact has empty arrays of contact edges and nothing else differs.
+
+Legend: N nodes, E mesh edges, W contact edges, K segments, B graphs in a batch.
+Source: Pfaff et al. 2021 (arXiv:2010.03409), appendix A.1; Lei et al., M4GN, section "Micro-level module".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+from physics.mesh import EDGES, VTK_TYPE
+
+KINDS = (NORMAL, OBSTACLE, HANDLE)
+NODE_FEATURES, MESH_EDGE_FEATURES, CONTACT_EDGE_FEATURES = len(KINDS) + 3, 8, 4
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """What stays the same over all frames of a trajectory.
+
+    kind: (N, 3) float32 one-hot
+    free: (N,) True on the nodes that are predicted
+    rest: (N, 3) float64 rest positions [m]
+    pair: (2, E) senders and receivers of the mesh edges
+    rest_edge: (E, 4) float32 rest vector and its norm [m]
+    segment: (N,) segment of each node, 0 .. K-1 without gaps
+    """
+
+    kind: NDArray[np.float32]
+    free: NDArray[np.bool_]
+    rest: NDArray[np.float64]
+    pair: NDArray[np.int64]
+    rest_edge: NDArray[np.float32]
+    segment: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Graph:
+    """One frame, or several as a disjoint union.
+
+    node: (N, 6), mesh_edge: (E, 8), contact_edge: (W, 4) features
+    mesh_pair: (2, E), contact_pair: (2, W) senders and receivers
+    segment: (N,) segment of each node, counted through the batch
+    graph_of_segment: (K,) the graph of each segment, ascending from 0
+    """
+
+    node: torch.Tensor
+    mesh_edge: torch.Tensor
+    mesh_pair: torch.Tensor
+    contact_edge: torch.Tensor
+    contact_pair: torch.Tensor
+    segment: torch.Tensor
+    graph_of_segment: torch.Tensor
+
+
+def mesh_edges(trajectory: Trajectory) -> NDArray[np.int64]:
+    """(E, 2) undirected edges of all cells, body and obstacle surface, each once."""
+    pairs = np.concatenate([trajectory.cells_of(VTK_TYPE[name])[:, edge] for name, edges in EDGES.items() for edge in edges])
+    low, high = pairs.min(axis=1), pairs.max(axis=1)
+    key = np.unique(low * len(trajectory.points) + high)  # one number an edge sorts 5 times faster than rows do
+    return np.stack(np.divmod(key, len(trajectory.points)), axis=1)  # (E, 2)
+
+
+def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer]) -> Skeleton:
+    """The constant part of a trajectory's graphs; reads nothing of its displacement.
+
+    Args:
+        trajectory: its points, cells and node kinds are used
+        segment: (N,) segment of each node, as `learning.segments.segment` gives it
+    """
+    edges = mesh_edges(trajectory)
+    senders, receivers = np.concatenate([edges, edges[:, ::-1]]).T  # (2E,) each
+    order = np.lexsort((senders, receivers))
+    pair = np.stack([senders[order], receivers[order]])  # (2, E)
+    rest = trajectory.points
+    vector = rest[pair[0]] - rest[pair[1]]
+    kind = (trajectory.node_kind[:, None] == np.array(KINDS)).astype(np.float32)  # (N, 3)
+    return Skeleton(kind, trajectory.free, rest, pair, _with_norm(vector), segment.astype(np.int64))
+
+
+def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: NDArray[np.floating], radius: float) -> Graph:
+    """The graph of one frame.
+
+    Args:
+        positions: (N, 3) current positions [m]
+        velocity: (N, 3) displacement to the next frame [m]; read on prescribed nodes only
+        radius: r_W, the largest distance of a contact edge [m]
+    """
+    prescribed = np.where(skeleton.free[:, None], 0.0, velocity).astype(np.float32)  # (N, 3)
+    senders, receivers = skeleton.pair
+    current = _with_norm(positions[senders] - positions[receivers])
+    contact = contact_edges(positions, skeleton.kind[:, KINDS.index(OBSTACLE)] > 0, radius)
+    segments = int(skeleton.segment.max()) + 1
+    return Graph(
+        node=torch.from_numpy(np.concatenate([skeleton.kind, prescribed], axis=1)),
+        mesh_edge=torch.from_numpy(np.concatenate([skeleton.rest_edge, current], axis=1)),
+        mesh_pair=torch.from_numpy(skeleton.pair),
+        contact_edge=torch.from_numpy(_with_norm(positions[contact[0]] - positions[contact[1]])),
+        contact_pair=torch.from_numpy(contact),
+        segment=torch.from_numpy(skeleton.segment),
+        graph_of_segment=torch.zeros(segments, dtype=torch.int64))
+
+
+def contact_edges(positions: NDArray[np.float64], obstacle: NDArray[np.bool_], radius: float) -> NDArray[np.int64]:
+    """(2, W) senders and receivers: every pair of an obstacle node and a body node within a radius, in both directions."""
+    rigid = np.flatnonzero(obstacle)
+    if not len(rigid):
+        return np.empty((2, 0), np.int64)
+    low, high = positions[rigid].min(axis=0) - radius, positions[rigid].max(axis=0) + radius
+    near = np.flatnonzero(~obstacle & ((positions >= low) & (positions <= high)).all(axis=1))
+    found = cKDTree(positions[rigid]).sparse_distance_matrix(cKDTree(positions[near]), radius, output_type="ndarray")
+    i, j = rigid[found["i"]], near[found["j"]]  # (W/2,) each
+    pair = np.stack([np.concatenate([i, j]), np.concatenate([j, i])])  # (2, W)
+    return pair[:, np.lexsort(pair)]
+
+
+def join(graphs: Sequence[Graph]) -> Graph:
+    """Several graphs as one disjoint union: nodes and segments are counted on from graph to graph."""
+    if len(graphs) == 1:
+        return graphs[0]
+    nodes = np.cumsum([0] + [len(graph.node) for graph in graphs]).tolist()
+    segments = np.cumsum([0] + [len(graph.graph_of_segment) for graph in graphs]).tolist()
+    count = np.cumsum([0] + [int(graph.graph_of_segment[-1]) + 1 for graph in graphs]).tolist()
+    return Graph(
+        node=torch.cat([graph.node for graph in graphs]),
+        mesh_edge=torch.cat([graph.mesh_edge for graph in graphs]),
+        mesh_pair=torch.cat([graph.mesh_pair + first for graph, first in zip(graphs, nodes, strict=False)], dim=1),
+        contact_edge=torch.cat([graph.contact_edge for graph in graphs]),
+        contact_pair=torch.cat([graph.contact_pair + first for graph, first in zip(graphs, nodes, strict=False)], dim=1),
+        segment=torch.cat([graph.segment + first for graph, first in zip(graphs, segments, strict=False)]),
+        graph_of_segment=torch.cat([graph.graph_of_segment + first for graph, first in zip(graphs, count, strict=False)]))
+
+
+def _with_norm(vector: NDArray[np.floating]) -> NDArray[np.float32]:
+    """(M, 3) vectors followed by their norms: (M, 4) float32."""
+    return np.concatenate([vector, np.linalg.norm(vector, axis=1, keepdims=True)], axis=1).astype(np.float32)

@@ -1,0 +1,155 @@
+"""M4GN: message passing along mesh edges, then a transformer over segments of the mesh.
+
+    encode      h_i = f_n(x_i),  e_ij = f_M(features of mesh edge),  w_ij = f_W(features of contact edge)
+    L times     e_ij += f_e([e_ij, h_i, h_j]),  w_ij += f_w([w_ij, h_i, h_j]),
+                h_i  += f_h([h_i, sum_j e_ij, sum_j w_ij])
+    pool        s_k = f_s(mean of h_i over segment k)
+    L_S times   s += O attention(LN s);  s += FFN(LN s)               among the segments of one graph only
+    dispatch    v_i = f_d([h_i, s_k(i)])
+
+All f are MLPs of three linear layers with ReLU between them, and LayerNorm at the end except in f_d. As in MeshGraphNets,
+from which the paper takes its encoder and processor, edges are updated before the nodes that sum them up (the paper's
+formula has the nodes sum the edges of the step before, which would leave the last edge update without effect).
+
+The first layer of an edge MLP is linear in [e, h_i, h_j], so W [e, h_i, h_j] = W_e e + (W_i h)_i + (W_j h)_j: the
+products with h are taken once for each node rather than once for each edge. This is exact, up to the order of the sums.
+
+Legend: N nodes, E edges, K segments, B graphs, S most segments in a graph, H hidden size, A heads.
+Source: Lei et al., M4GN (sections "Micro-level module", "Macro-level module"; appendix "M4GN Configurations"), without
+position encodings and overlap; Pfaff et al. 2021, section 3.2; Xiong et al. 2020 for the pre-LN block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import linear, scaled_dot_product_attention
+
+from learning.graph import CONTACT_EDGE_FEATURES, MESH_EDGE_FEATURES, NODE_FEATURES, Graph
+from physics.schema import InputError, quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class M4GNConfig:
+    """Sizes of the network; the defaults are the paper's."""
+
+    hidden: int = quantity(128, at_least=1, at_most=4096)
+    message_steps: int = quantity(7, at_least=1, at_most=100)
+    transformer_layers: int = quantity(4, at_least=0, at_most=100)
+    heads: int = quantity(8, at_least=1, at_most=256)
+
+
+class M4GN(nn.Module):
+    """Normalised velocity of every node from a normalised graph."""
+
+    def __init__(self, config: M4GNConfig) -> None:
+        super().__init__()
+        if config.hidden % config.heads:
+            raise InputError(f"network.hidden = {config.hidden}: must be a multiple of network.heads = {config.heads}")
+        hidden = config.hidden
+        self.encode_node = MLP(NODE_FEATURES, hidden, hidden)
+        self.encode_mesh = MLP(MESH_EDGE_FEATURES, hidden, hidden)
+        self.encode_contact = MLP(CONTACT_EDGE_FEATURES, hidden, hidden)
+        self.process = nn.ModuleList([MessagePassing(hidden) for _ in range(config.message_steps)])
+        self.encode_segment = MLP(hidden, hidden, hidden)
+        self.transform = nn.ModuleList([TransformerBlock(hidden, config.heads) for _ in range(config.transformer_layers)])
+        self.decode = MLP(2 * hidden, hidden, 3, norm=False)
+
+    def forward(self, graph: Graph) -> Tensor:
+        """(N, 3) normalised velocity; meaningless on nodes that are not free."""
+        h = self.encode_node(graph.node)  # (N, H)
+        e = self.encode_mesh(graph.mesh_edge)  # (E, H)
+        w = self.encode_contact(graph.contact_edge)  # (W, H)
+        for step in self.process:
+            h, e, w = step(h, e, graph.mesh_pair, w, graph.contact_pair)
+
+        s = self.encode_segment(mean_of_segments(h, graph.segment, len(graph.graph_of_segment)))  # (K, H)
+        count = torch.bincount(graph.graph_of_segment)  # (B,)
+        slot = torch.arange(len(s), device=s.device) - (count.cumsum(0) - count)[graph.graph_of_segment]  # (K,)
+        present = torch.arange(int(count.max()), device=s.device) < count[:, None]  # (B, S)
+        padded = s.new_zeros(*present.shape, s.shape[1])  # (B, S, H)
+        padded[graph.graph_of_segment, slot] = s
+        for block in self.transform:
+            padded = block(padded, present)
+        s = padded[graph.graph_of_segment, slot]  # (K, H)
+        return self.decode(torch.cat([h, s.index_select(0, graph.segment)], dim=1))  # (N, 3)
+
+
+class MLP(nn.Module):
+    """Three linear layers with ReLU between them, and LayerNorm at the end unless told otherwise."""
+
+    def __init__(self, inputs: int, hidden: int, outputs: int, *, norm: bool = True) -> None:
+        super().__init__()
+        self.first = nn.Linear(inputs, hidden)
+        self.second = nn.Linear(hidden, hidden)
+        self.third = nn.Linear(hidden, outputs)
+        self.norm = nn.LayerNorm(outputs) if norm else nn.Identity()
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(M, inputs) to (M, outputs)."""
+        return self.after_first(self.first(x))
+
+    def after_first(self, y: Tensor) -> Tensor:
+        """What follows the first linear layer."""
+        return self.norm(self.third(self.second(y.relu_()).relu_()))
+
+    def on_edges(self, e: Tensor, h: Tensor, pair: Tensor) -> Tensor:
+        """The same as forward([e, h_sender, h_receiver]), with the first layer factorised: (E, H)."""
+        of_edge, of_sender, of_receiver = self.first.weight.chunk(3, dim=1)
+        y = linear(e, of_edge, self.first.bias)
+        return self.after_first(y + project(h, of_sender, pair[0]) + project(h, of_receiver, pair[1]))
+
+
+def project(h: Tensor, weight: Tensor, index: Tensor) -> Tensor:
+    """(W h)[index], in the cheaper order: (E, H)."""
+    if len(index) > len(h):
+        return linear(h, weight).index_select(0, index)
+    return linear(h.index_select(0, index), weight)
+
+
+class MessagePassing(nn.Module):
+    """One step: edges from their ends, then nodes from the sums of their incoming edges; residual on all three."""
+
+    def __init__(self, hidden: int) -> None:
+        super().__init__()
+        self.mesh = MLP(3 * hidden, hidden, hidden)
+        self.contact = MLP(3 * hidden, hidden, hidden)
+        self.node = MLP(3 * hidden, hidden, hidden)
+
+    def forward(self, h: Tensor, e: Tensor, mesh_pair: Tensor, w: Tensor,
+                contact_pair: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Latents of nodes, mesh edges and contact edges after the step."""
+        e = e + self.mesh.on_edges(e, h, mesh_pair)
+        w = w + self.contact.on_edges(w, h, contact_pair)
+        sums = [torch.zeros_like(h).index_add(0, pair[1], latent) for pair, latent in ((mesh_pair, e), (contact_pair, w))]
+        return h + self.node(torch.cat([h, *sums], dim=1)), e, w
+
+
+def mean_of_segments(h: Tensor, segment: Tensor, count: int) -> Tensor:
+    """(K, H) means of the nodes of each segment."""
+    sums = h.new_zeros(count, h.shape[1]).index_add(0, segment, h)
+    return sums / torch.bincount(segment, minlength=count)[:, None]
+
+
+class TransformerBlock(nn.Module):
+    """Pre-LN self-attention and feed-forward net; a padded segment is seen by nobody."""
+
+    def __init__(self, hidden: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.norm_attention = nn.LayerNorm(hidden)
+        self.query_key_value = nn.Linear(hidden, 3 * hidden)
+        self.out = nn.Linear(hidden, hidden)
+        self.norm_feed = nn.LayerNorm(hidden)
+        self.feed = nn.Sequential(nn.Linear(hidden, 4 * hidden), nn.ReLU(), nn.Linear(4 * hidden, hidden))
+
+    def forward(self, s: Tensor, present: Tensor) -> Tensor:
+        """(B, S, H) from (B, S, H); present: (B, S) False on padding."""
+        graphs, segments, hidden = s.shape
+        qkv = self.query_key_value(self.norm_attention(s))  # (B, S, 3H)
+        q, k, v = qkv.view(graphs, segments, 3, self.heads, -1).permute(2, 0, 3, 1, 4)  # (B, A, S, H/A) each
+        mixed = scaled_dot_product_attention(q, k, v, attn_mask=present[:, None, None, :])  # (B, A, S, H/A)
+        s = s + self.out(mixed.transpose(1, 2).reshape(graphs, segments, hidden))
+        return s + self.feed(self.norm_feed(s))

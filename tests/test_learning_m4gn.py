@@ -1,0 +1,122 @@
+"""The network: exact about its definition, and blind to numbering, origin and company."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from learning.graph import Graph, build_graph, build_skeleton, join
+from learning.m4gn import M4GN, M4GNConfig, mean_of_segments
+from learning.segments import segment
+from physics.schema import InputError
+from tests.synthetic import bending
+
+SMALL = M4GNConfig(hidden=16, message_steps=3, transformer_layers=2, heads=4)
+# float32 rounds at 6e-8; some 50 layers of sums of 16 to 100 terms on outputs near 1 gather a few 1e-6
+TOLERANCE: dict[str, Any] = dict(rtol=0, atol=2e-5)
+
+
+@pytest.fixture(scope="module")
+def network():
+    torch.manual_seed(1)
+    return M4GN(SMALL).eval()
+
+
+def graph(count=7, step=3, *, shift=(0.0, 0.0, 0.0), **scene):
+    trajectory = bending(**scene)
+    u = trajectory.displacement.astype(np.float64)
+    skeleton = build_skeleton(trajectory, segment(trajectory, count=count))
+    skeleton = replace(skeleton, rest=skeleton.rest + shift)
+    plain = build_graph(skeleton, skeleton.rest + u[step], u[step + 1] - u[step], 0.006)
+    return replace(plain, mesh_edge=100 * plain.mesh_edge, contact_edge=100 * plain.contact_edge)  # lengths near 1
+
+
+@torch.no_grad()
+def naive(network: Any, graph: Graph):
+    """The module's equations written down literally, for a single graph."""
+    h, e = network.encode_node(graph.node), network.encode_mesh(graph.mesh_edge)
+    w = network.encode_contact(graph.contact_edge)
+    for step in network.process:
+        (s, r), (a, b) = graph.mesh_pair, graph.contact_pair
+        e, w = e + step.mesh(torch.cat([e, h[s], h[r]], 1)), w + step.contact(torch.cat([w, h[a], h[b]], 1))
+        sums = [torch.stack([latent[to == i].sum(0) for i in range(len(h))]) for latent, to in ((e, r), (w, b))]
+        h = h + step.node(torch.cat([h, *sums], 1))
+    s = network.encode_segment(torch.stack([h[graph.segment == k].mean(0) for k in range(len(graph.graph_of_segment))]))
+    for block in network.transform:
+        parts = block.query_key_value(block.norm_attention(s)).chunk(3, dim=1)
+        q, k, v = (part.view(len(s), block.heads, -1).transpose(0, 1) for part in parts)
+        weight = torch.softmax(q @ k.transpose(1, 2) / q.shape[-1] ** 0.5, dim=-1)
+        s = s + block.out((weight @ v).transpose(0, 1).reshape(s.shape))
+        s = s + block.feed(block.norm_feed(s))
+    return network.decode(torch.cat([h, s[graph.segment]], 1))
+
+
+@torch.no_grad()
+def test_the_fast_network_is_the_plain_one(network):
+    for case in (graph(), graph(gap=0.05, travel=0.001)):
+        assert torch.allclose(network(case), naive(network, case), **TOLERANCE)
+
+
+@torch.no_grad()
+def test_the_numbering_of_nodes_and_edges_makes_no_difference(network):
+    case = graph()
+    order = torch.randperm(len(case.node))
+    place = order.argsort()  # new number of each old node
+    mesh, contact = torch.randperm(len(case.mesh_edge)), torch.randperm(len(case.contact_edge))
+    shuffled = replace(case, node=case.node[order], segment=case.segment[order], mesh_edge=case.mesh_edge[mesh],
+                       mesh_pair=place[case.mesh_pair][:, mesh], contact_edge=case.contact_edge[contact],
+                       contact_pair=place[case.contact_pair][:, contact])
+    assert torch.allclose(network(shuffled), network(case)[order], **TOLERANCE)
+
+
+@torch.no_grad()
+def test_the_numbering_of_segments_makes_no_difference(network):
+    case = graph()
+    relabelled = replace(case, segment=torch.randperm(len(case.graph_of_segment))[case.segment])
+    assert torch.allclose(network(relabelled), network(case), **TOLERANCE)
+
+
+@torch.no_grad()
+def test_a_translation_makes_no_difference(network):
+    assert torch.allclose(network(graph(shift=(3.0, -2.0, 1.0))), network(graph()), **TOLERANCE)
+
+
+@torch.no_grad()
+def test_a_batch_gives_what_its_graphs_give_alone(network):
+    cases = [graph(7), graph(19, step=5), graph(3, gap=0.05, travel=0.001), graph(2, cells=(6, 2, 2))]
+    alone = torch.cat([network(case) for case in cases])
+    assert torch.allclose(network(join(cases)), alone, **TOLERANCE)
+
+
+@torch.no_grad()
+def test_only_segments_carry_information_across_the_body(network):
+    # 3 message-passing steps reach 3 edges, and the far end of the beam is 10 edges away
+    case = graph()
+    changed = replace(case, node=case.node.index_fill(0, torch.tensor([0]), 5.0))
+    far = int(case.node[:, 0].nonzero()[-1])
+    assert not torch.equal(network(changed)[far], network(case)[far])
+    deaf = M4GN(replace(SMALL, transformer_layers=0)).eval()
+    assert torch.equal(deaf(changed)[far], deaf(case)[far])
+
+
+def test_every_weight_learns(network):
+    case = graph()
+    network(case).square().sum().backward()
+    assert all(weight.grad is not None and weight.grad.abs().sum() > 0 for weight in network.parameters())
+    network.zero_grad()
+
+
+def test_segment_means():
+    h = torch.tensor([[1.0], [3.0], [10.0]])
+    assert mean_of_segments(h, torch.tensor([0, 0, 1]), 2).tolist() == [[2.0], [10.0]]
+
+
+def test_the_paper_sizes_are_the_defaults():
+    assert M4GNConfig() == M4GNConfig(hidden=128, message_steps=7, transformer_layers=4, heads=8)
+
+
+def test_heads_must_divide_the_hidden_size():
+    with pytest.raises(InputError, match=r"multiple of network\.heads = 5"):
+        M4GN(M4GNConfig(hidden=16, heads=5))
