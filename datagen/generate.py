@@ -1,0 +1,265 @@
+"""Many trajectories of a family: in parallel, resumable, reproducible.
+
+Every trajectory depends on (seed, index) alone, so any number of workers, in any order, makes the same arrays. Each worker
+is a process of its own with one thread, spawned rather than forked because MPI does not survive a fork. A file appears only
+when it is whole; what is there already is kept, so a run that was killed goes on where it was.
+
+A scene without an equilibrium is replaced by the next attempt at the same index; the file that takes its place carries the
+reason, and so does the manifest.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import importlib.metadata
+import multiprocessing
+import os
+import platform
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from tqdm import tqdm
+
+from datagen import dataset
+from datagen.family import SPLITS, Family, draw
+from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
+from physics.equilibrium import Solution, cell_size, solve
+from physics.mesh import VTK_TYPE
+from physics.modes import elastic_modes
+from physics.obstacle import Rigid
+from physics.scene import Body, Scene, Steps
+from physics.schema import InputError
+from physics.supports import held
+
+ATTEMPTS = 5
+STRIDE = 1_000_000  # indices of valid follow those of train at this distance, so that each split can grow by itself
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int = 0, index: int = 0) -> Trajectory:
+    """The solution of a scene, computed unless given, with its first elastic mode and the obstacle's surface moving along.
+
+    When the solver stops early the trajectory holds the steps before, is not `complete`, and `extra` says why under
+    "failure". `extra` also holds what was modelled, the seconds it took and the number of factorisations.
+
+    Raises:
+        InputError: the scene has no solution to look for
+        RuntimeError: the elastic mode was not found
+    """
+    solution = solution or solve(scene)
+    mesh = solution.mesh
+    modes = elastic_modes(scene, count=1, mesh=mesh)
+    nodes, frames = len(mesh.points), len(solution.displacement)
+    kind = np.where(held(scene, mesh).any(axis=1), HANDLE, NORMAL)
+    points, triangles, moved = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3))
+    if scene.obstacle is not None:
+        rigid, size = Rigid(scene.obstacle), cell_size(mesh)
+        along = (mesh.points - rigid.path[0]) @ rigid.axis
+        around, triangles = rigid.surface_mesh(size=size, extent=(along.min() - size, along.max() + size))
+        way = np.array([rigid.position(step / scene.steps.count) - rigid.path[0] for step in range(frames)])
+        moved = np.repeat(way[:, None], len(around), axis=1)
+        points = np.concatenate([mesh.points, around])
+    corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
+    shapes = np.pad(modes.pictured, ((0, 0), (0, len(points) - nodes), (0, 0)))
+    return Trajectory(
+        points=points,
+        connectivity=np.concatenate([mesh.cells.ravel(), nodes + triangles.ravel()]),
+        offsets=np.concatenate([[0], np.cumsum(corners)]),
+        types=np.repeat([VTK_TYPE[mesh.cell], VTK_TYPE["triangle"]], [len(mesh.cells), len(triangles)]).astype(np.uint8),
+        node_kind=np.concatenate([kind, np.full(len(points) - nodes, OBSTACLE)]).astype(np.uint8),
+        displacement=np.concatenate([solution.displacement, moved], axis=1).astype(np.float32),
+        modes=shapes.astype(np.float32), frequencies_hz=tuple(float(hz) for hz in modes.frequencies_hz),
+        per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
+                   "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
+                   "relative_residual": solution.relative_residual},
+        scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
+        extra={"model": solution.model, "seconds": solution.seconds, "factorisations": solution.factorisations,
+               "failure": solution.failure})
+
+
+@dataclass(frozen=True)
+class Job:
+    """One file to be made in a folder."""
+
+    family: Family
+    out: Path
+    file: str
+    seed: int
+    index: int
+
+
+def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: int = 0,
+             workers: int | None = None) -> dict[str, Any]:
+    """Make a folder of trajectories, or what is missing of it, and its manifest.
+
+    Args:
+        splits: how many trajectories of each split, as `family.counts` gives them
+        out: the folder; when it holds a data set, then one of the same family and seed
+        workers: processes, by default one for each core
+
+    Returns:
+        the numbers of trajectories asked for, of new ones, of failed attempts at them, and the seconds it took
+
+    Raises:
+        InputError: the family, the folder or a number is wrong; nothing was computed
+        RuntimeError: not all could be made; what was made is kept, and another call goes on from there
+        OSError: a file cannot be written
+    """
+    started, out = time.perf_counter(), Path(out)
+    workers = len(os.sched_getaffinity(0)) if workers is None else workers
+    if workers < 1:
+        raise InputError(f"workers = {workers}: must be at least 1")
+    if seed < 0:
+        raise InputError(f"seed = {seed}: must be at least 0")
+    jobs = [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * STRIDE + number)
+            for split, wanted in splits.items() for number in range(wanted)]
+    scenes = [draw(family, seed, job.index) for job in jobs]
+    manifest = _open(out, family, seed)
+    entries = {job.file: _made(job) for job in tqdm(jobs, desc="looking at what is there", leave=False, disable=None)}
+    manifest = _with(manifest, [entry for entry in entries.values() if entry])
+    dataset.write_manifest(out, manifest)
+    missing = [job for job in jobs if not entries[job.file]]
+    failures = []
+    if missing:
+        _compile_forms(scenes)
+    for job, entry, reasons in _run(missing, min(workers, max(1, len(missing))), kept=len(jobs) - len(missing)):
+        if entry is None:
+            failures.append(f"{job.file} after {ATTEMPTS} attempts: {reasons[-1]}")
+            continue
+        entries[job.file] = entry
+        manifest = _with(manifest, [entry])
+        dataset.write_manifest(out, manifest)
+    if failures:
+        raise RuntimeError(f"{len(failures)} of {len(jobs)} trajectories could not be made, the first: {failures[0]}")
+    return {"trajectories": len(jobs), "new": len(missing), "seconds": time.perf_counter() - started,
+            "failed_attempts": sum(len(entry.failed_attempts) for entry in entries.values() if entry)}
+
+
+def _open(out: Path, family: Family, seed: int) -> dataset.Manifest:
+    """The manifest of a folder that may be new. Raises `InputError` when it holds another data set."""
+    manifest = dataset.Manifest(schema=dataset.SCHEMA, family=family.text, seed=seed, trajectories=())
+    if (out / "manifest.json").exists():
+        there = dataset.read_manifest(out)
+        if there.recipe != manifest.recipe:
+            raise InputError(f"{out} holds a data set of another family or seed; choose another folder")
+        manifest = dataclasses.replace(there, family=family.text)
+    out.mkdir(parents=True, exist_ok=True)
+    for part in out.rglob(".*.part"):  # left by a run that was killed
+        part.unlink()
+    return manifest
+
+
+def _with(manifest: dataset.Manifest, entries: list[dataset.Entry]) -> dataset.Manifest:
+    """A manifest with some entries new or replaced."""
+    merged = {entry.file: entry for entry in (*manifest.trajectories, *entries)}
+    ordered = sorted(merged.values(), key=lambda entry: entry.index)
+    return dataclasses.replace(manifest, trajectories=tuple(ordered))
+
+
+def _run(jobs: list[Job], workers: int, *, kept: int) -> Iterator[tuple[Job, dataset.Entry | None, list[str]]]:
+    """Carry out the jobs; each with its manifest entry, if it has come to one, and the reasons why attempts failed."""
+    with (_one_thread(), tqdm(total=kept + len(jobs), initial=kept, unit=" trajectories", disable=None) as bar,
+          ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _die_with_parent) as pool):
+        futures = {pool.submit(_make, job): job for job in jobs}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], *future.result()
+                bar.update()
+        except BrokenProcessPool:
+            raise RuntimeError("a worker process was killed, perhaps for want of memory; fewer workers need less. What is "
+                               "finished is kept: run the same again to go on") from None
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _die_with_parent() -> None:
+    """Have the kernel end this worker when its parent is gone, killed included (Linux: PR_SET_PDEATHSIG = 1)."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+
+
+def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
+    """Make one file, in a worker."""
+    reasons: list[str] = []
+    for attempt in range(ATTEMPTS):
+        try:
+            trajectory = trajectory_of(draw(job.family, job.seed, job.index, attempt), seed=job.seed, index=job.index)
+        except (InputError, RuntimeError) as error:
+            reasons.append(str(error).splitlines()[0])
+            continue
+        wrong = problems(trajectory) if trajectory.complete else [trajectory.extra["failure"]]
+        if wrong:
+            reasons.append(wrong[0])
+            continue
+        trajectory = dataclasses.replace(trajectory, extra={**trajectory.extra, "failed_attempts": reasons})
+        write_trajectory(job.out / job.file, trajectory)
+        return dataset.entry_of(job.file, trajectory), reasons
+    return None, reasons
+
+
+def _made(job: Job) -> dataset.Entry | None:
+    """The manifest entry of a file that is there, whole, and of this very scene."""
+    try:
+        found = read_trajectory(job.out / job.file)
+    except InputError:
+        return None
+    scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ()))).to_toml()
+    same = (found.seed, found.index, found.scene) == (job.seed, job.index, scene)
+    return dataset.entry_of(job.file, found) if same and not problems(found) else None
+
+
+def _compile_forms(scenes: list[Scene]) -> None:
+    """Compile what the workers will need, before they start: at once they would race for the cache on disk."""
+    for like in {(scene.body.cell, scene.material.law): scene for scene in scenes}.values():
+        body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=like.body.cell)
+        scene = Scene(body=body, material=like.material, steps=Steps(count=1))
+        solve(scene)
+        elastic_modes(scene, count=1)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Processes started inside use one thread each."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
+
+
+@cache
+def _versions() -> tuple[tuple[str, str], ...]:
+    names = {"dolfinx": "fenics-dolfinx", "ufl": "fenics-ufl", "ffcx": "fenics-ffcx", "basix": "fenics-basix"}
+    names |= {name: name for name in ("petsc4py", "slepc4py", "mpi4py", "numpy", "scipy")}
+    found = {name: importlib.metadata.version(package) for name, package in names.items()}
+    return tuple({"python": platform.python_version(), **found, "h5py": h5py.__version__}.items())
+
+
+def versions() -> dict[str, str]:
+    """The versions of Python and of every library that a trajectory's numbers come from."""
+    return dict(_versions())
+
+
+@cache
+def commit() -> str:
+    """The git commit of this program, "-dirty" when changed since; empty when it does not run from a checkout."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
