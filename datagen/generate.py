@@ -127,7 +127,8 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
             for split, wanted in splits.items() for number in range(wanted)]
     scenes = [draw(family, seed, job.index) for job in jobs]
     manifest = _open(out, family, seed)
-    entries = {job.file: _made(job) for job in tqdm(jobs, desc="looking at what is there", leave=False, disable=None)}
+    known = {entry.file: entry.sha256 for entry in manifest.trajectories}
+    entries = {job.file: _made(job, known) for job in tqdm(jobs, desc="looking at what is there", leave=False, disable=None)}
     manifest = _with(manifest, [entry for entry in entries.values() if entry])
     dataset.write_manifest(out, manifest)
     missing = [job for job in jobs if not entries[job.file]]
@@ -187,6 +188,9 @@ def _run(jobs: list[Job], workers: int, *, kept: int) -> Iterator[tuple[Job, dat
 def _die_with_parent() -> None:
     """Have the kernel end this worker when its parent is gone, killed included (Linux: PR_SET_PDEATHSIG = 1)."""
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    parent = multiprocessing.parent_process()
+    if parent is None or os.getppid() != parent.pid:  # it was gone before the kernel knew
+        os._exit(1)
 
 
 def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
@@ -208,15 +212,17 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
     return None, reasons
 
 
-def _made(job: Job) -> dataset.Entry | None:
-    """The manifest entry of a file that is there, whole, and of this very scene."""
+def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
+    """The manifest entry of a file that is there, whole, of this very scene, and with its checksum if that is known."""
     try:
         found = read_trajectory(job.out / job.file)
     except InputError:
         return None
     scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ()))).to_toml()
-    same = (found.seed, found.index, found.scene) == (job.seed, job.index, scene)
-    return dataset.entry_of(job.file, found) if same and not problems(found) else None
+    if (found.seed, found.index, found.scene) != (job.seed, job.index, scene) or problems(found):
+        return None
+    entry = dataset.entry_of(job.file, found)
+    return entry if known.get(job.file, entry.sha256) == entry.sha256 else None
 
 
 def _compile_forms(scenes: list[Scene]) -> None:
