@@ -1,0 +1,211 @@
+"""Rivals that are right where they must be, a table of means, and a report that holds every figure and needs no network."""
+
+import csv
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datagen.generate import trajectory_of
+from datagen.trajectory import write_trajectory
+from learning.config import TrainConfig
+from learning.evaluate import REFERENCE, RUNGS, _Measured, evaluate
+from learning.m4gn import M4GNConfig
+from learning.pareto import front
+from learning.report import write_report
+from learning.rivals import coarser, interpolate, keep_velocity, nothing_moves
+from learning.table import COLUMNS, Report, Row, cells, headline, improvement, shown
+from learning.train import train
+from physics.mesh import Mesh, build_mesh
+from physics.quality import rmse
+from physics.scene import Body
+from physics.schema import InputError
+from physics.verify import Fidelity
+from tests.scenes import pressed
+
+FREE = np.array([True, True, False])
+
+
+def straight(steps: int = 6) -> np.ndarray:
+    """(T, 3, 3) constant velocity from the rest state; the last node is held and follows a path of its own."""
+    path = np.arange(steps + 1)[:, None, None] * np.array([[1.0, 2, 3], [0, -1, 0.5], [0, 0, 0]])
+    path[:, 2, 0] = np.arange(steps + 1) ** 2
+    return path
+
+
+def test_keep_velocity_is_exact_for_constant_velocity():
+    truth = straight()
+    path, steps = keep_velocity(truth, FREE)
+    np.testing.assert_allclose(path, truth, atol=1e-13)
+    np.testing.assert_allclose(steps[1:], truth[2:], atol=1e-13)
+    assert not steps[0, FREE].any()  # the rest state has no velocity
+    np.testing.assert_array_equal(steps[:, 2], truth[1:, 2])
+
+
+def test_keep_velocity_sees_two_frames_only():
+    truth, other = straight(), straight()
+    other[2:, FREE] += 7
+    np.testing.assert_array_equal(keep_velocity(truth, FREE)[0], keep_velocity(other, FREE)[0])
+
+
+def test_nothing_moves_has_the_error_of_the_motion_itself():
+    truth = straight()
+    path, steps = nothing_moves(truth, FREE)
+    assert rmse(path, truth, FREE) == pytest.approx(np.sqrt(np.mean(np.sum(truth[:, FREE] ** 2, axis=2))))
+    assert rmse(steps, truth[1:], FREE) == pytest.approx(np.sqrt((14 + 1.25) / 2))
+    np.testing.assert_array_equal(path[:, 2], truth[:, 2])
+    np.testing.assert_array_equal(steps[:, 2], truth[1:, 2])
+
+
+def beam(cell: str, cells: tuple[int, int, int]) -> Mesh:
+    return build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=cells, cell=cell))
+
+
+@pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
+def test_interpolation_is_exact_for_linear_fields_and_at_the_nodes(cell):
+    coarse, fine = beam(cell, (4, 2, 2)), beam(cell, (11, 5, 7))
+    inner = ((coarse.points > 1e-9) & (coarse.points < np.array([0.1, 0.02, 0.03]) - 1e-9)).all(axis=1)
+    rng = np.random.default_rng(0)
+    coarse.points[inner] += 0.002 * rng.uniform(-1, 1, (inner.sum(), 3))  # cells that are no parallelepipeds
+    gradient = rng.normal(size=(5, 3, 3))
+    linear = np.einsum("tij,nj->tni", gradient, coarse.points) + 1
+    expected = np.einsum("tij,nj->tni", gradient, fine.points) + 1
+    # Newton's iteration ends at rounding, in lengths of 1e-2 m and gradients of some units.
+    np.testing.assert_allclose(interpolate(coarse, linear, fine.points), expected, atol=1e-13)
+    anything = rng.normal(size=(2, *coarse.points.shape))  # would show a wrong cell, which linear fields do not
+    np.testing.assert_allclose(interpolate(coarse, anything, coarse.points), anything, atol=1e-12)
+    with pytest.raises(ValueError, match="1 of 2 points lie outside"):
+        interpolate(coarse, linear, np.array([[0.05, 0.01, 0.01], [0.05, 0.01, 0.031]]))
+
+
+def test_interpolation_within_a_prism_is_linear_along_it_and_across_it():
+    mesh = beam("prism", (1, 1, 1))
+    field = np.zeros((1, len(mesh.points), 3))
+    field[0, :, 0] = mesh.points[:, 0] * mesh.points[:, 1]  # in the span of the prism's shape functions
+    points = np.random.default_rng(1).uniform(0, 1, (50, 3)) * [0.1, 0.02, 0.03]
+    np.testing.assert_allclose(interpolate(mesh, field, points)[0, :, 0], points[:, 0] * points[:, 1], atol=1e-16)
+
+
+def test_coarser_scenes_end():
+    scene = pressed()
+    assert scene.body.divisions == (12, 4, 4)
+    half = coarser(scene)
+    assert half.body.divisions == (6, 2, 2)
+    assert coarser(half).body.divisions == (3, 2, 2)
+    assert coarser(coarser(half)).body.divisions == (2, 2, 2)
+    assert coarser(coarser(coarser(half))) is None
+    sized = replace(scene, body=replace(scene.body, cells=None, cell_size=0.005))
+    assert coarser(sized).body.divisions == (6, 2, 2)
+
+
+def fidelity(**values: float) -> Fidelity:
+    every = {name: 0.1 for name in Fidelity.__dataclass_fields__}
+    return Fidelity(**(every | {"inverted_elements": 0, "worst_step": 1} | values))
+
+
+def test_rows_hold_means_and_of_extremes_the_extreme():
+    found = [fidelity(rmse_all=1e-3, largest_penetration=1e-5, smallest_det_f=0.9),
+             fidelity(rmse_all=3e-3, largest_penetration=4e-5, smallest_det_f=0.4, inverted_elements=2)]
+    row = _Measured("learned", [1.0, 3.0], found).row("M4GN")
+    assert (row.ms_per_step, row.scores["rmse_all"], row.scores["rmse_1"]) == pytest.approx((2.0, 2e-3, 0.1))
+    extremes = [row.scores[key] for key in ("largest_penetration", "smallest_det_f", "inverted_elements")]
+    assert extremes == [4e-5, 0.4, 2]
+    assert [each["rmse_all"] for each in row.each] == [1e-3, 3e-3]
+    assert math.isnan(_Measured("fe", [1.0, 3.0], found).row("FE").scores["rmse_1"])
+
+
+def made_up() -> list[Row]:
+    def row(name: str, kind: str, ms: float, error: float) -> Row:
+        scores = {key: error * (1.1 + i) for i, key in enumerate(COLUMNS)} | {"rmse_all": error}
+        return Row(name, kind, ms, scores, ({"rmse_all": 0.7 * error}, {"rmse_all": 1.3 * error}))
+
+    return [row("M4GN", "learned", 5.0, 2e-4), row("nothing moves", "trivial", 0.01, 7e-3),
+            row("slow <guess> | x", "trivial", 9.0, 5e-3),
+            row("FE, cells halved", "fe", 2.0, 6e-4), row("FE, the reference", "reference", 10.0, 0.0)]
+
+
+def test_the_front_keeps_what_nothing_beats():
+    names = [row.name for row in front(made_up())]
+    assert names == ["nothing moves", "FE, cells halved", "M4GN", "FE, the reference"]
+    slower = Row("late", "learned", 11.0, {"rmse_all": 1e-9})
+    assert slower not in front([*made_up(), slower])  # the reference is faster and has no error
+
+
+def test_the_headline_says_which_way_it_came_out():
+    report = Report(title="t", rows=made_up(), cases=["0"])
+    assert improvement(report.rows) == pytest.approx(35)
+    assert "35 times as far off" in headline(report)
+    assert "2 times as fast" in headline(report)
+    worse = replace(report.rows[0], ms_per_step=20.0, scores=report.rows[0].scores | {"rmse_all": 1.4e-2})
+    said = headline(replace(report, rows=[worse, *report.rows[1:]]))
+    assert "closer" in said
+    assert "the solver is 2 times as fast" in said
+
+
+def test_the_report_holds_every_figure_and_opens_offline(tmp_path):
+    picture = tmp_path / "frame_0.png"
+    rows = made_up()
+    rows[3].scores["rmse_1"] = math.nan
+    write_report(tmp_path, Report(title="A & B", rows=rows, cases=["0", "1"]))
+    picture.write_bytes((tmp_path / "pareto.png").read_bytes())
+    facts = {"machine": "one <core>", "seed": "3"}
+    write_report(tmp_path, Report(title="A & B", rows=rows, cases=["0", "1"], pictures=[(picture.name, "worst frame")],
+                                  facts=facts, notes=["a limit"]))
+    page, text = (tmp_path / "report.html").read_text(), (tmp_path / "report.md").read_text()
+    for row in rows:
+        for cell in cells(row)[1:]:
+            assert f"<td>{cell}</td>" in page
+            assert f" {cell} |" in text
+        assert f"<td>{shown(0.7e3 * row.scores['rmse_all'])}</td>" in page or row.kind == "reference"
+    assert "slow &lt;guess&gt; | x" in page
+    assert "slow <guess> \\| x" in text
+    for said in ("A &amp; B", "one &lt;core&gt;", "a limit", "worst frame"):
+        assert said in page
+    assert page.count('src="data:image/png;base64,') == 2
+    words = re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
+    assert not re.search(r"(?:https?:)?//|(?:src|href)=\"(?!data:)|@import|url\(", words)
+
+    stored = json.loads((tmp_path / "report.json").read_text())
+    assert stored["rows"][3]["scores"]["rmse_1"] is None
+    assert stored["rows"][0]["scores"] == rows[0].scores
+    assert stored["facts"] == facts
+    with open(tmp_path / "table.csv", newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [line["predictor"] for line in table] == [row.name for row in rows]
+    assert float(table[0]["gf_c [m2]"]) == rows[0].scores["gf_c"]
+
+
+def small_config() -> TrainConfig:
+    network = M4GNConfig(hidden=16, message_steps=1, transformer_layers=1, heads=2)
+    return TrainConfig(segments=4, network=network, contact_radius=0.006, batch_size=2, steps=3)
+
+
+def test_evaluate_writes_the_whole_folder(tmp_path):
+    file = tmp_path / "beam.vtkhdf"
+    write_trajectory(file, trajectory_of(pressed()))
+    train(small_config(), [file], [file], tmp_path / "run")
+    said: list[str] = []
+    result = evaluate(tmp_path / "run", [file], tmp_path / "report", say=said.append)
+    names = {path.name for path in (tmp_path / "report").iterdir()}
+    assert names == {"report.html", "report.md", "report.json", "table.csv", "pareto.png", "frame_beam.png"}
+    rows = {row["name"]: row["scores"] for row in result["rows"]}
+    assert list(rows) == ["M4GN", "nothing moves", "keep the last velocity", *RUNGS, REFERENCE]
+    assert rows[REFERENCE]["rmse_all"] == 0
+    assert rows[REFERENCE]["relative_residual"] < 1e-3  # of the 32-bit numbers in the file
+    errors = [rows[name]["rmse_all"] for name in (*RUNGS, "nothing moves")]
+    assert 0 < errors[0] < errors[1] < errors[2]
+    assert rows["keep the last velocity"]["rmse_1"] < rows["nothing moves"]["rmse_1"]
+    assert result["report"] == str(tmp_path / "report")
+    assert any("RMSE-all" in line for line in said)
+    json.dumps(result, allow_nan=False)
+
+
+def test_what_cannot_be_the_truth_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no trajectories"):
+        evaluate(tmp_path, [], tmp_path / "report")
+    with pytest.raises(InputError, match="no such checkpoint"):
+        evaluate(tmp_path, [Path("t.vtkhdf")], tmp_path / "report")
