@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -46,12 +47,12 @@ def modes(options: Options) -> dict[str, Any]:
 def simulate(options: Options) -> dict[str, Any]:
     """The quasi-static path of a scene, by finite elements."""
     from datagen.generate import trajectory_of
+    from datagen.trajectory import write_trajectory
     from physics.equilibrium import solve
     from physics.scene import load_scene
 
     scene = load_scene(options.scene)
     out = _writable(options.out, ".vtkhdf")
-    from datagen.trajectory import write_trajectory
 
     with tqdm(total=scene.steps.count, disable=None, desc="simulate", unit="step") as bar:
         solution = solve(scene, on_step=lambda step: bar.update(step - bar.n))
@@ -77,9 +78,8 @@ def generate(options: Options) -> dict[str, Any]:
 
     family = load_family(options.family)
     wanted = counts(family, count=options.count, split=options.split)
-    out = _writable(options.out)
-    result = run(family, wanted, out, seed=options.seed, workers=options.workers)
-    _say(options, ", ".join(f"{key} {value}" for key, value in result.items()))
+    result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers)
+    _say(options, ", ".join(f"{key} {value}" for key, value in result.items()) + f": {options.out}")
     return result
 
 
@@ -98,8 +98,6 @@ def dataset_check(options: Options) -> dict[str, Any]:
 
 def segment(options: Options) -> dict[str, Any]:
     """Segments of a trajectory's mesh, written into its file."""
-    import time
-
     import numpy as np
 
     from datagen.trajectory import read_trajectory, write_trajectory
@@ -196,7 +194,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     except InputError as error:
         return _fail(str(error), 2)
-    except (WorkError, FloatingPointError) as error:
+    except (FloatingPointError, RuntimeError) as error:
         return _fail(str(error), 1)
     except OSError as error:
         return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 1)
@@ -263,7 +261,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
     add("--split", help="only train, valid or test")
     add("--seed", type=int, default=0)
-    add("--workers", type=_positive, default=2, help="processes (2)")
+    add("--workers", type=_positive, help="processes (one for each core)")
     of_data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
     verb("check", dataset_check, "folder", into=of_data)
     add = verb("segment", segment, "trajectory").add_argument

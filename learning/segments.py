@@ -33,10 +33,11 @@ Achanta et al. 2012 (SLIC).
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import dataclass
 
 import numpy as np
-import pymetis
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -45,6 +46,14 @@ from scipy.spatial import cKDTree
 from datagen.trajectory import Trajectory
 from learning.graph import mesh_edges
 from physics.schema import InputError, nearest
+
+# PETSc brings Debian's METIS, of 32-bit numbers, into the same process; pymetis has to call its own, of 64-bit numbers, or
+# it writes past the end of arrays.
+_flags = sys.getdlopenflags()
+sys.setdlopenflags(_flags | os.RTLD_DEEPBIND)
+import pymetis  # noqa: E402
+
+sys.setdlopenflags(_flags)
 
 METHODS = ("metis", "slic-mdod-e")
 Floats = NDArray[np.float64]

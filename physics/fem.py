@@ -24,6 +24,9 @@ from petsc4py import PETSc
 from physics.mesh import Mesh
 
 Floats = NDArray[np.float64]
+# A crash shall be a crash: PETSc's handler of signals may wait forever for a lock that the crash left behind.
+PETSc.Sys.popSignalHandler()
+
 OLD = tuple(int(part) for part in __version__.split(".")[:2]) < (0, 8)
 
 # dolfinx lists the corners of a hexahedron as a tensor product, gmsh and VTK go round each face.
