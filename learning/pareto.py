@@ -37,16 +37,17 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
               label="front: nothing is both faster and closer")
     ladder = sorted(points[row.name] for row in rows if row.kind == "fe" and row.name in points)
     axes.plot([x for x, _ in ladder], [y for _, y in ladder], color=COLOURS["fe"], lw=1.2, zorder=2)
-    beside = {"learned": 0, "trivial": 0, "fe": 0}  # labels of one kind stand above and below in turn
+    trivial = 0  # their labels stand above and below in turn, those of the ladder on its left
     for row in sorted(rows, key=lambda row: row.ms_per_step):
         if row.kind == "reference":
             axes.axvline(row.ms_per_step, color=COLOURS[row.kind], ls="--", lw=1.3,
                          label=f"{row.name}: zero error by definition")
         elif row.name in points:
             axes.scatter(*points[row.name], s=70, color=COLOURS[row.kind], marker=MARKERS[row.kind], zorder=3)
-            axes.annotate(row.name, points[row.name], xytext=(0, (9, -17)[beside[row.kind] % 2]), textcoords="offset points",
-                          ha="center", fontsize=9, color=COLOURS[row.kind])
-            beside[row.kind] += 1
+            offset = (-9, -3) if row.kind == "fe" else (0, -17 if trivial % 2 and row.kind == "trivial" else 9)
+            axes.annotate(row.name, points[row.name], xytext=offset, textcoords="offset points", fontsize=9,
+                          ha="right" if row.kind == "fe" else "center", color=COLOURS[row.kind])
+            trivial += row.kind == "trivial"
     axes.margins(x=0.2, y=0.16)
     axes.grid(which="major", color="#ececec", lw=0.8)
     axes.spines[["top", "right"]].set_visible(False)
