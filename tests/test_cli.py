@@ -1,0 +1,162 @@
+"""The command line, as a user types it: the whole line on tiny scenes, JSON, exit statuses."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOHDF import vtkHDFReader
+
+import fidelity
+from learning import demo
+
+ROOT = Path(__file__).parent.parent
+SCENE = """
+[body]
+length = 0.06
+width = 0.02
+height = 0.02
+cells = [6, 2, 2]
+[material]
+young_modulus = 1e6
+poisson_ratio = 0.4
+[[support]]
+where = "x-min"
+fixed = "xyz"
+[obstacle]
+shape = "cylinder"
+radius = 0.01
+path = [[0.05, 0.01, 0.0305], [0.05, 0.01, 0.02]]
+[steps]
+count = 10
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path / "scene.toml"
+
+
+def run(capsys, *arguments):
+    status = fidelity.main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def run_json(capsys, *arguments):
+    status, out, err = run(capsys, *arguments, "--json")
+    assert status == 0, err
+    assert out.count("\n") == 1
+    return json.loads(out)
+
+
+def test_modes(capsys, scene, tmp_path):
+    import meshio
+
+    result = run_json(capsys, "modes", scene, "--count", "3", "--out", tmp_path / "modes.vtu")
+    assert result["kind"] == "elastic" and len(result["frequencies_hz"]) == 3 and max(result["residuals"]) < 1e-8
+    assert result["dofs"] == 6 * 9 * 3
+    assert set(meshio.read(tmp_path / "modes.vtu").point_data) == {"mode_1", "mode_2", "mode_3"}
+
+
+def test_simulate_writes_what_vtk_and_h5py_read_alike(capsys, scene, tmp_path):
+    out = tmp_path / "t.vtkhdf"
+    result = run_json(capsys, "simulate", scene, "--out", out)
+    assert result["steps"] == 10 == len(result["reaction"])
+    assert result["largest_relative_residual"] < 1e-6 and result["smallest_det_f"] > 0 and result["factorisations"] > 0
+    with h5py.File(out) as file:
+        stored = file["VTKHDF/PointData/displacement"][()].reshape(11, -1, 3)
+        points, energy = file["VTKHDF/Points"][()], file["VTKHDF/FieldData/energy"][()]
+    reader = vtkHDFReader()
+    reader.SetFileName(str(out))
+    reader.UpdateInformation()
+    assert reader.GetNumberOfSteps() == 11
+    for step in range(11):
+        reader.SetStep(step)
+        reader.Update()
+        grid = reader.GetOutputDataObject(0)
+        assert np.array_equal(vtk_to_numpy(grid.GetPoints().GetData()), points)
+        assert np.array_equal(vtk_to_numpy(grid.GetPointData().GetArray("displacement")), stored[step])
+        assert vtk_to_numpy(grid.GetFieldData().GetArray("energy"))[0] == energy[step]
+
+
+def test_a_failed_simulation_keeps_its_steps(capsys, scene, tmp_path):
+    from datagen.trajectory import read_trajectory
+
+    squeezed = SCENE.replace("count = 10", "count = 4").replace(SCENE[SCENE.index("[obstacle]"):SCENE.index("[steps]")], "")
+    squeezed = squeezed.replace("[[support]]", '[[support]]\nwhere = "x-max"\nfixed = "xyz"\ndisplacement = [-0.08, 0, 0]\n[[support]]')
+    scene.write_text(squeezed)
+    status, out, err = run(capsys, "simulate", scene, "--out", tmp_path / "t.vtkhdf", "--json")
+    assert status == 1 and out == "" and err.splitlines()[-1].startswith("fidelity: no equilibrium at step")
+    kept = read_trajectory(tmp_path / "t.vtkhdf")
+    assert not kept.complete and 1 <= len(kept.displacement) < 5
+    assert f"the {len(kept.displacement) - 1} steps before it are in" in err
+
+
+def test_the_line_from_family_to_rollout(capsys, tmp_path):
+    (tmp_path / "family.toml").write_text(SCENE.replace("length = 0.06", "length = { uniform = [0.05, 0.06] }")
+                                          .replace("[0.05, 0.01, 0.0305], [0.05, 0.01, 0.02]",
+                                                   "[0.045, 0.01, 0.0305], [0.045, 0.01, 0.025]"))
+    data, trained = tmp_path / "data", tmp_path / "run"
+    run_json(capsys, "generate", tmp_path / "family.toml", "--out", data, "--count", "5", "--workers", "1")
+    assert run(capsys, "dataset", "check", data)[0] == 0
+    first = data / "train" / "0000.vtkhdf"
+    result = run_json(capsys, "segment", first, "--segments", "4")
+    assert len(result["nodes"]) == 5 and min(result["nodes"]) > 0  # four and the obstacle
+    assert run(capsys, "dataset", "check", data)[0] == 0  # segments are no part of what is checked
+    (tmp_path / "config.toml").write_text("segments = 4\nsteps = 4\nbatch_size = 1\nvalidate_every = 2\n[network]\nhidden = 8\n"
+                                          "message_steps = 1\ntransformer_layers = 1\nheads = 2\n")
+    result = run_json(capsys, "train", tmp_path / "config.toml", "--data", data, "--out", trained, "--steps", "2")
+    assert result["steps"] == 2
+    result = run_json(capsys, "train", tmp_path / "config.toml", "--data", data, "--out", trained, "--resume")
+    assert result["steps"] == 4
+    result = run_json(capsys, "rollout", trained, first, "--out", tmp_path / "p.vtkhdf")
+    assert result["steps"] == 10 and result["rmse_all"] > 0
+    result = run_json(capsys, "view", tmp_path / "p.vtkhdf", "--out", tmp_path / "film.gif")
+    assert result["pictures"] == 11 and (tmp_path / "film.gif").stat().st_size > 10_000
+    with h5py.File(first, "r+") as file:
+        file["VTKHDF/PointData/displacement"][500, 2] += 1e-3
+    status, out, err = run(capsys, "dataset", "check", data)
+    assert status == 1 and "0000.vtkhdf" in err
+
+
+def test_demo_with_little_training(capsys, tmp_path, monkeypatch):
+    """The whole demo; half a minute of training already beats that nothing moves."""
+    said = []
+    result = demo.run(tmp_path / "demo", say=said.append, budget_seconds=30)
+    text = "\n".join(said)
+    assert "Euler-Bernoulli" in text and "12 trajectories" in text
+    rows = {row["name"]: row["scores"]["rmse_all"] for row in result["rows"]}
+    assert rows["M4GN"] < rows["nothing moves"]
+    assert 0 < rows["FE, cells halved"] < rows["FE, cells halved twice"]
+    for name in ("report.md", "report.html", "report.json", "table.csv", "pareto.png", "frame_0000.png"):
+        assert (tmp_path / "demo" / "report" / name).stat().st_size > 100
+
+
+@pytest.mark.parametrize("arguments, words", [
+    ([], "VERB"),
+    (["simulat"], "invalid choice"),
+    (["simulate", "{scene}"], "--out"),
+    (["simulate", "{scene}", "--out", "t.vtu"], "must end in .vtkhdf"),
+    (["simulate", "{scene}", "--out", "/proc/t.vtkhdf"], "/proc/t.vtkhdf"),
+    (["modes", "{scene}", "--count", "0"], "not a whole number above 0"),
+    (["modes", "none.toml"], "No such file"),
+    (["generate", "demoo", "--out", "x"], "did you mean 'demo'?"),
+    (["rollout", "none", "none.vtkhdf", "--out", "p.vtkhdf"], "none"),
+    (["train", "none.toml", "--data", "none", "--out", "run"], "none.toml"),
+    (["evaluate", "none", "--data", "none"], "none"),
+    (["view", "none.vtkhdf"], "no such file"),
+    (["segment", "none.vtkhdf"], "no such file"),
+])
+def test_bad_input_ends_in_one_line_and_status_2(capsys, scene, tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = fidelity.main([argument.format(scene=scene) for argument in arguments])
+    except SystemExit as stop:
+        status = stop.code
+    out, err = capsys.readouterr()
+    assert status == 2 and out == ""
+    assert err.count("\n") == 1 and words in err
