@@ -343,13 +343,13 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None) -> Solu
         smallest_det_f=smallest_det_f(mesh.points, u, mesh.cells, mesh.cell),
         newton_iterations=np.array([state.iterations for state in states]),
         relative_residual=np.array([state.residual for state in states]), factorisations=path.factorisations,
-        halvings=path.halvings, model=model(scene), seconds=time.perf_counter() - started, failure=failure)
+        halvings=path.halvings, model=model(scene, path), seconds=time.perf_counter() - started, failure=failure)
 
 
-def model(scene: Scene) -> dict[str, str]:
+def model(scene: Scene, path: Path) -> dict[str, str]:
     """What is modelled, and why, in words."""
     said = {"kinematics": f"finite strain, {scene.material.law}; {scene.body.cell}s of first order",
-            "inertia": "none: quasi-static loading"}
+            "inertia": "none: quasi-static loading", "factor": path.factor.name}
     if scene.obstacle is None:
         said["contact"] = "none: the scene has no obstacle"
     else:
