@@ -115,7 +115,7 @@ class Path:
             count = len(surface.area)
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(count))]
         # Below this force rounding in f(u) takes over: eps E h L with the largest extent L.
-        self.floor = 1e3 * np.finfo(float).eps * scene.material.young_modulus * self.size * np.ptp(mesh.points)
+        self.floor = 1e3 * float(np.finfo(float).eps) * scene.material.young_modulus * self.size * float(np.ptp(mesh.points))
         self.order, self.excess, self.halvings = 0, 0, 0
         self.fresh = 2  # Newton steps that a new factor needed
         self.factorisations = 0
@@ -212,17 +212,14 @@ class Path:
             return None
         centre = self.contact.obstacle.position(fraction)
         zone = before.zone if before is not None else self._zone
-        pressure = before.pressure if before is not None else self.states[-1].pressure
+        pressure = self.states[-1].pressure
+        if before is not None:  # forces go from zone to zone by way of the whole surface
+            pressure = np.zeros_like(pressure)
+            pressure[before.zone.points] = before.pressure
         if zone is None or not zone.covers(u, centre, NEAR * self.size):
-            if before is not None:  # forces go from zone to zone by way of the whole surface
-                pressure = np.zeros_like(self.states[-1].pressure)
-                pressure[zone.points] = before.pressure
             zone = self._zone = self.contact.zone(u, centre, REACH * self.size)
-            pressure = pressure[zone.points]
-        elif before is None:
-            pressure = pressure[zone.points]
         gap, normal = zone.gaps(u, centre)
-        return Touch(zone, gap, normal, pressure)
+        return Touch(zone, gap, normal, pressure[zone.points])
 
     def _step(self, force: Floats, touch: Touch | None) -> Floats:
         """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
