@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from physics.contact import Contact, ContactSurface, Zone, solve_complementarity
 from physics.elasticity import Elasticity
-from physics.factor import NotPositiveDefinite, factor_for
+from physics.factor import NotPositiveDefinite, SparseFactor, factor_for
 from physics.mesh import Mesh, build_mesh
 from physics.obstacle import Rigid
 from physics.quality import smallest_det_f
@@ -104,7 +104,7 @@ class Path:
         for load in scene.load:
             if load.acceleration is not None:
                 self.load += self.elasticity.weight(np.array(load.acceleration))
-        self.factor = factor_for(self.elasticity)
+        self.factor = self._definite = factor_for(self.elasticity)
         self.size = cell_size(mesh)
         self.contact: Contact | None = None
         count = 0
@@ -119,6 +119,7 @@ class Path:
         self.order, self.excess, self.halvings = 0, 0, 0
         self.fresh = 2  # Newton steps that a new factor needed
         self.factorisations = 0
+        self._general: SparseFactor | None = None  # for states whose stiffness is not positive definite
         self._zone: Zone | None = None
         self._compliance: tuple[NDArray[np.int64], Floats] | None = None
         self._stale = True
@@ -173,26 +174,38 @@ class Path:
             except NoEquilibrium:
                 pass
         self._refactor(start if self.states[-1].u.any() else self.states[-1].u)
-        state = self._newton(fraction, start)
+        try:
+            state = self._newton(fraction, start)
+        except NoEquilibrium:
+            state = self._newton(fraction, start, renew=True)
         self.fresh = state.iterations
         return state
 
     def _refactor(self, u: Floats) -> None:
+        """Factor the stiffness at displacements (N, 3); where it is not positive definite, by the method that bears it."""
+        self.factor = self._definite
         try:
             self.factor.update(u)
-        except NotPositiveDefinite as error:
-            raise NoEquilibrium(str(error)) from None
+        except NotPositiveDefinite:
+            self._general = self._general or SparseFactor(self.elasticity)
+            self.factor = self._general
+            try:
+                self.factor.update(u)
+            except NotPositiveDefinite as error:
+                raise NoEquilibrium(str(error)) from None
         self.factorisations += 1
         self._compliance = None
         self._stale, self.excess = False, 0
 
-    def _newton(self, fraction: float, start: Floats) -> State:
-        """Newton's method with the kept factor. Raises `NoEquilibrium` when it does not converge."""
+    def _newton(self, fraction: float, start: Floats, *, renew: bool = False) -> State:
+        """Newton's method with the kept factor, or a new one at each iterate. Raises `NoEquilibrium` when it does not converge."""
         u, outer = start, fraction * self.load
         touch = self._touch(fraction, u)
         force = self.elasticity.force(u) - outer
         previous = np.inf
         for iteration in range(1, ITERATIONS + 1):
+            if renew:
+                self._refactor(u)
             u = u + self._step(force, touch)
             force = self.elasticity.force(u) - outer
             if touch is not None:
@@ -200,6 +213,7 @@ class Path:
             state = self._judge(fraction, u, force, touch, iteration)
             error = max(state.residual / TOLERANCE, state.gap_error / (GAP_TOLERANCE * self.size))
             if error <= 1:
+                self._check_stable(touch)
                 return state
             if not np.isfinite(error) or error > 10 * previous:
                 break
@@ -233,11 +247,10 @@ class Path:
         zone = touch.zone
         nodes = np.flatnonzero(zone.weights[near].any(axis=0))
         gradient = zone.gradient(near, nodes, touch.normal)  # (k, 3 n)
-        matrix = gradient @ self._compliance_of(zone.nodes[nodes]) @ gradient.T
-        matrix[np.diag_indices(len(near))] += zone.softness[near]
+        matrix = self._contact_matrix(touch, near, nodes, gradient)
         gap = touch.gap[near] + gradient @ step[zone.nodes[nodes]].ravel()
         try:
-            touch.pressure[near] = solve_complementarity(matrix, gap, touched)
+            touch.pressure[near] = solve_complementarity(matrix, gap, touched, definite=not self.factor.negative)
         except np.linalg.LinAlgError:
             raise NoEquilibrium("the body gives way to contact without resistance") from None
         if not touch.pressure.any():
@@ -245,6 +258,29 @@ class Path:
         push = np.zeros_like(force)
         push[zone.nodes] = zone.forces(touch.pressure, touch.normal)
         return step + self.factor.solve(push)
+
+    def _contact_matrix(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats) -> Floats:
+        """(k, k) G K^-1 G^T + diag(c) of k points of a zone, G = gradient (k, 3 n) on n of its nodes."""
+        matrix = gradient @ self._compliance_of(touch.zone.nodes[nodes]) @ gradient.T
+        matrix[np.diag_indices(len(points))] += touch.zone.softness[points]
+        return matrix
+
+    def _check_stable(self, touch: Touch | None) -> None:
+        """Raise `NoEquilibrium` at a state that the factor, when it is that of an indefinite stiffness, shows to be unstable.
+
+        By Sylvester's law of inertia K + G^T diag(1/c) G has as many negative eigenvalues as K has more than
+        G K^-1 G^T + diag(c) does: contact must hold the body in every direction in which it would give way by itself.
+        """
+        if not self.factor.negative:
+            return
+        held = 0
+        if touch is not None and touch.pressure.any():
+            points = np.flatnonzero(touch.pressure > 0)
+            nodes = np.flatnonzero(touch.zone.weights[points].any(axis=0))
+            gradient = touch.zone.gradient(points, nodes, touch.normal)
+            held = int((np.linalg.eigvalsh(self._contact_matrix(touch, points, nodes, gradient)) < 0).sum())
+        if held < self.factor.negative:
+            raise NoEquilibrium("the body is unstable: it snaps through or buckles")
 
     def _compliance_of(self, nodes: NDArray[np.int64]) -> Floats:
         """(3 n, 3 n) of the kept factor, from what is known of it, or computed for these nodes and those known before."""
