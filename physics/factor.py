@@ -2,8 +2,8 @@
 
 A beam whose nodes are numbered along its axis has a stiffness of narrow band b: LAPACK's banded Cholesky then needs n b^2
 operations and each solve passes twice through n b numbers, less than any general sparse method, whose ordering has to
-find out what the numbering says. Where the band is wide, or the stiffness is not positive definite (a body under pressure may be held by the obstacle alone),
-MUMPS takes over.
+find out what the numbering says. Where the band is wide, or the stiffness is not positive definite (a body under pressure
+may be held by the obstacle alone), MUMPS takes over.
 
 Legend: N nodes, n = 3 N unknowns, C cells.
 """

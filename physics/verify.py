@@ -20,7 +20,7 @@ import scipy.optimize
 from numpy.typing import ArrayLike, NDArray
 
 from physics import quality
-from physics.equilibrium import Path
+from physics.balance import Balance
 from physics.mesh import Mesh
 from physics.scene import Scene
 
@@ -53,31 +53,31 @@ class Checker:
     """The equations of one scene, ready to check any displacement of its body."""
 
     def __init__(self, scene: Scene, mesh: Mesh) -> None:
-        self.path = Path(scene, mesh)
+        self.balance = Balance(scene, mesh)
 
     def residual(self, u: Floats, fraction: float) -> tuple[float, float]:
         """|R| and |reaction| [N] of displacements (N, 3) at a fraction of the loading."""
-        path = self.path
-        force = path.elasticity.force(u) - fraction * path.load
-        free = ~path.fixed
+        balance = self.balance
+        force = balance.elasticity.force(u) - fraction * balance.load
+        free = ~balance.fixed
         missing, reaction = force[free], np.zeros(3)
-        if path.contact is not None and np.isfinite(force).all():
-            zone = path.contact.zone(u, path.contact.obstacle.position(fraction), TOUCHING * path.size)
+        if balance.contact is not None and np.isfinite(force).all():
+            zone = balance.contact.zone(u, balance.contact.obstacle.position(fraction), TOUCHING * balance.size)
             if len(zone.points):
-                _, normal = zone.gaps(u, path.contact.obstacle.position(fraction))
+                _, normal = zone.gaps(u, balance.contact.obstacle.position(fraction))
                 movable = free[zone.nodes]  # (m, 3)
                 points, nodes = np.arange(len(zone.points)), np.arange(len(zone.nodes))
                 pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
                 p = scipy.optimize.nnls(pull, force[zone.nodes][movable])[0]
                 force[zone.nodes] -= zone.forces(p, normal)
                 missing, reaction = force[free], -p @ normal
-        elif path.contact is None:
-            reaction = force[path.fixed]
+        elif balance.contact is None:
+            reaction = force[balance.fixed]
         return float(np.linalg.norm(missing)), float(np.linalg.norm(reaction))
 
     def penetration(self, u: Floats, fraction: float) -> float:
         """Largest penetration [m] of the obstacle at displacements (N, 3)."""
-        contact = self.path.contact
+        contact = self.balance.contact
         if contact is None:
             return 0.0
         return max(0.0, -float(contact.gaps(u, contact.obstacle.position(fraction))[0].min()))

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from datagen.family import draw, load_family
-from physics import equilibrium
-from physics.equilibrium import TOLERANCE, cell_size, solve
+from physics import newton
+from physics.balance import cell_size
+from physics.equilibrium import solve
+from physics.newton import TOLERANCE
 from physics.schema import InputError
 from tests import plain_newton
 from tests.scenes import beam, pressed
@@ -107,7 +109,7 @@ def test_scenes_without_a_solution_are_refused():
 
 def test_the_same_scene_gives_the_same_bits():
     assert np.array_equal(solve(pressed()).displacement, solve(pressed()).displacement)
-    assert equilibrium.REFACTOR_COST == 8  # a measured time in its place would break this
+    assert newton.REFACTOR_COST == 8  # a measured time in its place would break this
 
 
 def work_of_obstacle(scene, solution):

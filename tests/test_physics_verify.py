@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from physics.equilibrium import TOLERANCE, solve
+from physics.equilibrium import solve
+from physics.newton import TOLERANCE
 from physics.verify import verify
 from tests.scenes import pressed
 
