@@ -139,8 +139,11 @@ class SparseFactor:
         self._pc.setOperators(matrix)
         try:
             self._pc.setUp()
+            failed = self._pc.getFactorMatrix().getMumpsInfog(1) < 0
         except PETSc.Error:
-            raise NotPositiveDefinite("the stiffness cannot be factored") from None
+            failed = True
+        if failed:
+            raise NotPositiveDefinite("the stiffness cannot be factored")
         self.negative = int(self._pc.getFactorMatrix().getMumpsInfog(12))  # negative pivots
         self._vectors = self._vectors or matrix.createVecs()
 

@@ -96,9 +96,20 @@ class Newton:
         self._fresh = state.iterations
         return state
 
+    def correction(self, fraction: float, u: Floats) -> Floats:
+        """One Newton step (N, 3), contact included, from any displacements (N, 3) at a fraction of the loading.
+
+        Raises:
+            NoEquilibrium: the stiffness there cannot be factored, or offers contact no resistance
+        """
+        contact = self.balance.contact
+        self._refactor(u)
+        touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
+        return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
+
     def _refactor(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3); where it is not positive definite, by the method that bears it."""
-        self.factor = self._definite
+        self.factor, self._stale = self._definite, True
         try:
             self.factor.update(u)
         except NotPositiveDefinite:
