@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -75,25 +76,92 @@ def generate(options: Options) -> dict[str, Any]:
     """Trajectories of a family of scenes."""
     from datagen.family import counts, load_family
     from datagen.generate import generate as run
+    from datagen.plan import planned
 
     family = load_family(options.family)
     wanted = counts(family, count=options.count, split=options.split)
-    result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers)
+    if options.dry_run:
+        result = planned(family, wanted, seed=options.seed)
+        for name, value in result.items():
+            _say(options, f"{name:15s} " + (", ".join(f"{key} {number:.6g}" for key, number in value.items())
+                                            if isinstance(value, dict) else str(value)))
+        return result
+    if options.out is None:
+        raise InputError("--out: give the folder, or --dry-run to see what would be made")
+    result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers,
+                 cluster=options.cluster, time_limit=options.time_limit)
     _say(options, ", ".join(f"{key} {value}" for key, value in result.items()) + f": {options.out}")
     return result
 
 
 def dataset_check(options: Options) -> dict[str, Any]:
     """Every file of a data set: layout, checksums, physics."""
-    from datagen.dataset import check
+    from datagen.check import check
 
-    problems = check(options.folder)
+    problems = check(options.folder, steps=options.steps)
     for problem in problems:
         _say(options, problem)
     if problems:
         raise WorkError(f"{len(problems)} problem{'s' if len(problems) > 1 else ''} in {options.folder}: {problems[0]}")
     _say(options, f"{options.folder}: nothing wrong")
     return {"problems": problems}
+
+
+def dataset_stats(options: Options) -> dict[str, Any]:
+    """What a data set holds, in numbers."""
+    from datagen.statistics import lines, statistics
+
+    result = statistics(options.folder, refined=options.refined, seed=options.seed)
+    for line in lines(result):
+        _say(options, line)
+    return result
+
+
+def dataset_card(options: Options) -> dict[str, Any]:
+    """README.md of a data set: ranges, statistics, cost, licence."""
+    from datagen.card import write_card
+
+    path = write_card(options.folder, refined=options.refined)
+    _say(options, f"card: {path}")
+    return {"out": str(path)}
+
+
+def dataset_pack(options: Options) -> dict[str, Any]:
+    """A data set in one small file, its displacements within a tolerance."""
+    from datagen.pack import pack
+
+    out = _writable(options.out, ".pack")
+    result = pack(options.folder, out, tolerance=options.tolerance)
+    _say(options, f"{result['trajectories']} trajectories, {result['bytes'] / 1e6:.2f} MB, {result['ratio']:.0f} times smaller, "
+                  f"largest error {result['largest_error']:.3g} m: {out}")
+    return result
+
+
+def dataset_unpack(options: Options) -> dict[str, Any]:
+    """The data set in a packed file."""
+    from datagen.pack import unpack
+
+    result = unpack(options.file, _writable(options.out))
+    _say(options, f"{result['trajectories']} trajectories: {options.out}")
+    return result
+
+
+def dataset_import(options: Options) -> dict[str, Any]:
+    """A data set in DeepMind's format (TFRecord and meta.json) as trajectory files."""
+    from datagen.deepmind import import_records
+
+    result = import_records(options.folder, _writable(options.out), count=options.count)
+    _say(options, f"{result['trajectories']} trajectories: {options.out}")
+    return result
+
+
+def dataset_export(options: Options) -> dict[str, Any]:
+    """A data set in DeepMind's format (TFRecord and meta.json)."""
+    from datagen.deepmind import export_records
+
+    result = export_records(options.folder, _writable(options.out), cells=options.cells)
+    _say(options, f"{result['trajectories']} trajectories: {options.out}")
+    return result
 
 
 def segment(options: Options) -> dict[str, Any]:
@@ -256,14 +324,35 @@ def _parser() -> argparse.ArgumentParser:
     add("--count", type=_positive, default=10, help="how many (10)")
     add("--out", help="shapes as .vtu")
     verb("simulate", simulate, "scene").add_argument("--out", required=True, help="trajectory, .vtkhdf")
-    add = verb("generate", generate, "family").add_argument
-    add("--out", required=True, help="folder")
-    add("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
+    added = verb("generate", generate, "family")
+    add = added.add_argument
+    add("--out", help="folder")
+    number = added.add_mutually_exclusive_group().add_argument
+    number("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
+    number("--all", action="store_true", help="the family's own number, as without --count")
     add("--split", help="only train, valid or test")
     add("--seed", type=int, default=0)
     add("--workers", type=_positive, help="processes (one for each core)")
+    add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead")
+    add("--time-limit", type=float, default=math.inf, metavar="S", help="seconds for one scene, then another is drawn (none)")
+    add("--dry-run", action="store_true", help="only draw the scenes: what the set will be like")
     of_data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
-    verb("check", dataset_check, "folder", into=of_data)
+    add = verb("check", dataset_check, "folder", into=of_data).add_argument
+    add("--steps", type=_positive, default=5, help="of each trajectory whose equilibrium is computed anew (5)")
+    add = verb("stats", dataset_stats, "folder", into=of_data).add_argument
+    add("--refined", type=int, default=0, help="trajectories solved again with twice the cells each way (0)")
+    add("--seed", type=int, default=0, help="of the choice of these")
+    verb("card", dataset_card, "folder", into=of_data).add_argument("--refined", type=int, default=10, help="as for stats (10)")
+    add = verb("pack", dataset_pack, "folder", into=of_data).add_argument
+    add("--tolerance", type=float, default=1e-6, help="largest error of a displacement [m] (1e-6)")
+    add("--out", required=True, help="file, .pack")
+    verb("unpack", dataset_unpack, "file", into=of_data).add_argument("--out", required=True, help="folder")
+    add = verb("import", dataset_import, "folder", into=of_data).add_argument
+    add("--out", required=True, help="folder")
+    add("--count", type=_positive, help="at most so many of each split (all)")
+    add = verb("export", dataset_export, "folder", into=of_data).add_argument
+    add("--out", required=True, help="folder")
+    add("--cells", choices=("tetrahedra", "own"), default="tetrahedra", help="tetrahedra, as DeepMind's readers expect, or our own cells")
     add = verb("segment", segment, "trajectory").add_argument
     add("--segments", type=_positive, default=19, help="how many (19)")
     add("--method", default="slic-mdod-e", help="metis or slic-mdod-e")

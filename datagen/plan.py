@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import dijkstra
 
+from datagen.family import Family, draw
+from datagen.generate import jobs_of
 from physics.equilibrium import cell_size
 from physics.mesh import Mesh, build_mesh
 from physics.obstacle import Rigid
@@ -76,3 +79,9 @@ def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         values = [row[name] for row in rows]
         together[name] = dict(sorted(Counter(values).items())) if isinstance(first, str) else spread(values)
     return together
+
+
+def planned(family: Family, splits: dict[str, int], *, seed: int = 0) -> dict[str, Any]:
+    """The `summary` of what `generate` would make if every first draw had a solution."""
+    jobs = jobs_of(family, splits, Path(), seed)
+    return summary([{**figures(draw(family, seed, job.index)), "split": job.file.split("/")[0]} for job in jobs])
