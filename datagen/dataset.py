@@ -86,6 +86,8 @@ def write_manifest(folder: str | Path, manifest: Manifest) -> None:
     try:
         part.write_text(json.dumps(to_table(manifest), indent=1))
         os.replace(part, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         part.unlink(missing_ok=True)
 
@@ -102,7 +104,7 @@ def digest(trajectory: Trajectory) -> str:
     """SHA-256 over the mesh and every result; segments, timings and versions play no part."""
     arrays = {name: getattr(trajectory, name)
               for name in ("points", "connectivity", "offsets", "types", "node_kind", "displacement", "modes")}
-    arrays |= {"frequencies_hz": np.array(trajectory.frequencies_hz)} | dict(sorted(trajectory.per_frame.items()))
+    arrays |= {"frequencies_hz": np.array(trajectory.frequencies_hz)} | dict(sorted(trajectory.per_frame.items())) | trajectory.fields
     digest = hashlib.sha256()
     for name, array in arrays.items():
         digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
