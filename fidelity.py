@@ -287,7 +287,7 @@ def _writable(path: str | Path | None, suffix: str = "") -> Any:
     path = Path(path)
     if suffix and path.suffix != suffix:
         raise InputError(f"--out {path}: the name must end in {suffix}")
-    if suffix and path.is_dir() or not suffix and path.exists() and not path.is_dir():
+    if (suffix and path.is_dir()) or (not suffix and path.exists() and not path.is_dir()):
         raise InputError(f"--out {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
     folder = path.parent if suffix else path
     try:
