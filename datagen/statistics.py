@@ -33,12 +33,8 @@ from physics.schema import InputError
 FRAMES = 40  # steps of the refined solutions, or fewer: equilibria do not depend on how many lead to them
 
 
-def statistics(folder: str | Path, *, refined: int = 0, seed: int = 0) -> dict[str, Any]:
-    """The numbers of a data set; `spread` of each over its trajectories.
-
-    Args:
-        refined: how many trajectories are solved again on cells of half the size; results are kept in FOLDER/refined.json
-        seed: of the choice of these
+def rows_of(folder: str | Path) -> list[dict[str, Any]]:
+    """The numbers of each trajectory of a data set, in the manifest's order, with its file, split and size.
 
     Raises:
         InputError: the folder holds no data set, or a file of it cannot be read
@@ -46,11 +42,27 @@ def statistics(folder: str | Path, *, refined: int = 0, seed: int = 0) -> dict[s
     folder, manifest = Path(folder), dataset.read_manifest(folder)
     if not manifest.trajectories:
         raise InputError(f"{folder}: no trajectories")
-    rows = [of_trajectory(read_trajectory(folder / entry.file)) | {"split": entry.split, "megabytes": (folder / entry.file).stat().st_size / 1e6}
-            for entry in progress(manifest.trajectories, "reading")]
+    return [{"file": entry.file, "split": entry.split, **of_trajectory(read_trajectory(folder / entry.file)),
+             "megabytes": (folder / entry.file).stat().st_size / 1e6} for entry in progress(manifest.trajectories, "reading")]
+
+
+def statistics(folder: str | Path, rows: list[dict[str, Any]] | None = None, *, refined: int = 0, seed: int = 0) -> dict[str, Any]:
+    """The numbers of a data set; `spread` of each over its trajectories.
+
+    Args:
+        rows: what `rows_of` gives, when it is known already
+        refined: how many trajectories are solved again on cells of half the size; results are kept in FOLDER/refined.json
+        seed: of the choice of these
+
+    Raises:
+        InputError: the folder holds no data set, or a file of it cannot be read
+    """
+    folder, manifest, rows = Path(folder), dataset.read_manifest(folder), rows or rows_of(folder)
     reasons = [reason for entry in manifest.trajectories for reason in entry.failed_attempts]
-    found: dict[str, Any] = {**summary(rows), "failed_attempts": len(reasons), "reasons": reasons,
-                             "solver_hours": sum(row["seconds"] for row in rows) / 3600, "gigabytes": sum(row["megabytes"] for row in rows) / 1e3}
+    found: dict[str, Any] = {
+        **summary([{name: value for name, value in row.items() if name != "file"} for row in rows]),
+        "failed_attempts": len(reasons), "reasons": reasons, "solver_hours": sum(row["seconds"] for row in rows) / 3600,
+        "gigabytes": sum(row["megabytes"] for row in rows) / 1e3}
     if refined:
         found["refined"] = _refined(folder, manifest, min(refined, len(rows)), seed)
     return found
