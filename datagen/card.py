@@ -1,6 +1,7 @@
 """The card of a data set: README.md in its folder, a YAML header and what a reader wants to know before the first byte.
 
-Beside it trajectories.csv has a row of numbers for each file, with its own noise floor (see statistics.py). Everything in it comes from the manifest, the files and the statistics; nothing is typed by hand.
+Beside it trajectories.csv has a row of numbers for each file, with its own noise floor (see statistics.py). Everything comes
+from the manifest, the files and the statistics; nothing is typed by hand.
 """
 
 from __future__ import annotations
@@ -76,8 +77,8 @@ def _header(manifest: dataset.Manifest, found: dict[str, Any]) -> list[str]:
     """The YAML header; strings are written as JSON, which YAML contains."""
     number = found["count"]
     size = "n<1K" if number < 1000 else "1K<n<10K" if number < 10_000 else "10K<n<100K"
-    said = ["---", f"pretty_name: {json.dumps(_name(manifest))}", f"license: {LICENSE}", "tags: [mesh, finite-elements, contact, simulation]",
-            f"size_categories: [{json.dumps(size)}]", f"trajectories: {number}", "splits:"]
+    said = ["---", f"pretty_name: {json.dumps(_name(manifest))}", f"license: {LICENSE}",
+            "tags: [mesh, finite-elements, contact, simulation]", f"size_categories: [{json.dumps(size)}]", f"trajectories: {number}", "splits:"]
     said += [f"  {split}: {count}" for split, count in found["split"].items()]
     for key in ("nodes", "graph_diameter", "steps", "xy_extent"):
         said.append(f"{key}: {{mean: {found[key]['mean']:.6g}, std: {found[key]['std']:.6g}, min: {found[key]['min']:.6g}, "
@@ -121,13 +122,14 @@ def _body(folder: Path, manifest: dataset.Manifest, found: dict[str, Any], rows:
         yield from _table(sample)
         yield from (f"\nNot solved on the finer cells: {reason}" for reason in sample["failures"])
     yield "\n## Cost\n"
-    yield f"{found['solver_hours']:.3g} hours of the solver, {found['ms_per_step']['mean']:.3g} ms a step on average, on {machine()}. The solver of the"
-    yield "original DeformingBeam was published with 3261 ms a step, on another machine."
-    yield f"\n{found['failed_attempts']} scenes had no solution and were replaced by other draws:\n" if found["reasons"] else "\nNo scene failed."
+    yield f"{found['solver_hours']:.3g} hours of the solver, {found['ms_per_step']['mean']:.3g} ms a step on average; card written on"
+    yield f"{machine()}. The solver of the original DeformingBeam was published with 3261 ms a step, on another machine."
+    failed = f"{found['failed_attempts']} scenes had no solution and were replaced by other draws:\n"
+    yield f"\n{failed if found['reasons'] else 'No scene failed.'}"
     yield from (f"- {reason}" for reason in found["reasons"])
     yield "\n## Versions\n\n" + ", ".join(f"{name} {version}" for name, version in first.versions.items())
-    yield "\n## Licence and citation\n\nMIT, as the program that made it. Cite the program (CITATION.cff) with its commit, the family and the seed:"
-    yield f"`fidelity generate` of family {_name(manifest)} with seed {manifest.seed} makes the same arrays again:\n"
+    yield "\n## Licence and citation\n\nMIT, as the program that made it. Cite the program (CITATION.cff) with its commit, the family and"
+    yield f"the seed: `fidelity generate` of family {_name(manifest)} with seed {manifest.seed} makes the same arrays again:\n"
     yield f"```toml\n{manifest.family.rstrip()}\n```"
 
 

@@ -227,6 +227,6 @@ def problems(trajectory: Trajectory) -> list[str]:
             found.append(f"{name} is not finite everywhere")
     found += [f"{name} has {len(array)} rows for {len(trajectory.displacement)} frames"
               for name, array in trajectory.per_frame.items() if len(array) != len(trajectory.displacement)]
-    if trajectory.displacement[0].any():
+    if trajectory.scene and trajectory.displacement[0].any():
         found.append("the first frame is not the rest state")
     return found
