@@ -78,7 +78,8 @@ def _header(manifest: dataset.Manifest, found: dict[str, Any]) -> list[str]:
     number = found["count"]
     size = "n<1K" if number < 1000 else "1K<n<10K" if number < 10_000 else "10K<n<100K"
     said = ["---", f"pretty_name: {json.dumps(_name(manifest))}", f"license: {LICENSE}",
-            "tags: [mesh, finite-elements, contact, simulation]", f"size_categories: [{json.dumps(size)}]", f"trajectories: {number}", "splits:"]
+            "tags: [mesh, finite-elements, contact, simulation]", f"size_categories: [{json.dumps(size)}]",
+            f"trajectories: {number}", "splits:"]
     said += [f"  {split}: {count}" for split, count in found["split"].items()]
     for key in ("nodes", "graph_diameter", "steps", "xy_extent"):
         said.append(f"{key}: {{mean: {found[key]['mean']:.6g}, std: {found[key]['std']:.6g}, min: {found[key]['min']:.6g}, "

@@ -27,6 +27,7 @@ from datagen.family import SPLITS
 from datagen.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
 from datagen.workers import progress
 from physics.equilibrium import TOLERANCE
+from physics.fem import release
 from physics.mesh import Mesh, build_mesh
 from physics.obstacle import Rigid
 from physics.quality import smallest_det_f
@@ -131,6 +132,7 @@ def _against_obstacle(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: N
 def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps: int) -> list[str]:
     """What contradicts equilibrium, and the stored reaction and energy, at some frames."""
     count, nodes = scene.steps.count, len(mesh.points)
+    release()
     checker = Checker(scene, mesh)
     elasticity, fixed = checker.path.elasticity, checker.path.fixed
     blur, random = precision(trajectory)[:, :nodes], np.random.default_rng(0)

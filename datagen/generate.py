@@ -27,6 +27,7 @@ from datagen.provenance import commit, versions
 from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.workers import on_cluster, on_this_machine, progress
 from physics.equilibrium import Solution, cell_size, solve
+from physics.fem import release
 from physics.mesh import VTK_TYPE
 from physics.modes import elastic_modes
 from physics.obstacle import Rigid
@@ -184,6 +185,7 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
     """Make one file, in a worker."""
     reasons: list[str] = []
     for attempt in range(ATTEMPTS):
+        release()
         try:
             scene = draw(job.family, job.seed, job.index, attempt)
             trajectory = trajectory_of(scene, seed=job.seed, index=job.index, on_step=_clock(job.time_limit, scene.steps.count))

@@ -27,6 +27,7 @@ from datagen.plan import graph_diameter, summary
 from datagen.trajectory import Trajectory, read_trajectory
 from datagen.workers import progress
 from physics.equilibrium import solve
+from physics.fem import release
 from physics.scene import Scene, Steps, read_scene
 from physics.schema import InputError
 
@@ -128,6 +129,7 @@ def _solved(scene: Scene, every: int, points: NDArray[np.float64], finer: int) -
     """Displacements (F, N, 3) at points (N, 3) of a scene in fewer steps, on so many times the cells each way, and seconds."""
     cells = tuple(finer * n for n in scene.body.divisions)
     body = dataclasses.replace(scene.body, cells=cells, cell_size=None)
+    release()
     solution = solve(dataclasses.replace(scene, body=body, steps=Steps(count=scene.steps.count // every)))
     if solution.failure:
         raise RuntimeError(f"the scene with {' x '.join(map(str, cells))} cells: {solution.failure}")
