@@ -32,13 +32,11 @@ A file is written under another name, flushed to disk and renamed: a reader neve
 
 from __future__ import annotations
 
-import errno
 import json
 import os
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import h5py
 import numpy as np
@@ -104,23 +102,21 @@ def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    # The file is made in memory: on a full disk HDF5 would fill pages with its complaints, and later on again.
+    with h5py.File(part, "w", driver="core", backing_store=False, libver=("earliest", "v110")) as file:
+        _write(file, trajectory)
+        file.flush()
+        image = file.id.get_file_image()
     try:
-        with h5py.File(part, "w", libver=("earliest", "v110")) as file:
-            _write(file, trajectory)
-        with open(part, "rb") as handle:
+        with open(part, "wb") as handle:
+            handle.write(image)
+            handle.flush()
             os.fsync(handle.fileno())
         os.replace(part, path)
-    except (OSError, RuntimeError) as error:  # HDF5 says the latter when it fails on closing
-        _cannot_write(path, error)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         part.unlink(missing_ok=True)
-
-
-def _cannot_write(path: Path, error: Exception) -> NoReturn:
-    """Raise what the system said, which HDF5 buries in pages, with the file's name."""
-    said = re.search(r"errno = (\d+)", str(error))
-    number = int(said[1]) if said else getattr(error, "errno", None) or errno.EIO
-    raise OSError(number, os.strerror(number), str(path)) from error
 
 
 def _write(file: h5py.File, trajectory: Trajectory) -> None:

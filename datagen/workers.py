@@ -88,7 +88,7 @@ def on_cluster(function: Callable[[J], R], jobs: list[J], address: str, *, prepa
             future.result()
         futures = dict(zip(client.map(function, jobs, pure=False), jobs, strict=True))
         try:
-            for future in completed(futures):
+            for future in completed(futures, loop=client.loop):
                 yield futures[future], future.result()
                 bar.update()
         except KilledWorker:
