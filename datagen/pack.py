@@ -20,6 +20,7 @@ it lists, each as its first bytes, then its second bytes, and so on. Legend: T f
 from __future__ import annotations
 
 import json
+import lzma
 import math
 import os
 import zipfile
@@ -102,7 +103,7 @@ def unpack(file: str | Path, out: str | Path) -> dict[str, Any]:
                 entries.append(replace(entry, sha256=dataset.digest(trajectory)))
     except FileNotFoundError:
         raise InputError(f"{file}: no such file") from None
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError, RuntimeError) as error:
+    except (zipfile.BadZipFile, lzma.LZMAError, KeyError, ValueError, EOFError, RuntimeError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{file}: not a whole packed data set: {error}") from None
@@ -115,7 +116,7 @@ def encode(trajectory: Trajectory, tolerance: float) -> tuple[bytes, float]:
     moving, rigid = _moving(trajectory)
     arrays: Arrays = {name: getattr(trajectory, name) for name in AS_IT_IS}
     arrays["connectivity"] = np.diff(trajectory.connectivity, prepend=0).astype(np.int32)
-    arrays["modes"] = np.round(trajectory.modes / MODE_STEP).astype(np.int32)
+    arrays["modes"] = np.round(trajectory.modes.astype(np.float64) / MODE_STEP).astype(np.int32)
     arrays |= {f"frame {name}": array.astype(np.float32 if array.dtype.kind == "f" else array.dtype)
                for name, array in trajectory.per_frame.items()}
     arrays |= {f"field {name}": array for name, array in trajectory.fields.items()}
