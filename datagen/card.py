@@ -125,7 +125,8 @@ def _body(folder: Path, manifest: dataset.Manifest, found: dict[str, Any], rows:
     yield "\n## Cost\n"
     yield f"{found['solver_hours']:.3g} hours of the solver, {found['ms_per_step']['mean']:.3g} ms a step on average; card written on"
     yield f"{machine()}. The solver of the original DeformingBeam was published with 3261 ms a step, on another machine."
-    failed = f"{found['failed_attempts']} scenes had no solution and were replaced by other draws:\n"
+    number = found["failed_attempts"]
+    failed = f"{number} scene{'s' * (number != 1)} had no solution, replaced by other draws:\n"
     yield f"\n{failed if found['reasons'] else 'No scene failed.'}"
     yield from (f"- {reason}" for reason in found["reasons"])
     yield "\n## Versions\n\n" + ", ".join(f"{name} {version}" for name, version in first.versions.items())
