@@ -55,11 +55,11 @@ class ContactSurface:
         return self.weights @ x
 
 
-def _points(mesh: Mesh) -> tuple[Floats, Floats, Floats, Floats]:
-    """Point number, node and weight triplets, and areas, of Lobatto's points: corners, middles of edges, and centres.
+def _points(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
+    """Point number, node and weight triplets, and areas, of the points of all facets.
 
-    Simpson's rule on quadrilaterals; on triangles corners 1/20, middles 2/15 and the centre 9/20 would be the cubic rule,
-    of which the corners and middles with the weights 1/12 and 1/4 are kept: all positive, exact for linear pressure.
+    On quadrilaterals Simpson's rule: corners, middles of edges, centre; on triangles corners (1/12) and middles (1/4). All
+    weights are positive, and a pressure that is linear over a facet gives its exact nodal forces.
     """
     rows, columns, values, areas, count = [], [], [], [], 0
     one = np.array([[1, 0], [0.5, 0.5], [0, 1]])
@@ -79,7 +79,9 @@ def _points(mesh: Mesh) -> tuple[Floats, Floats, Floats, Floats]:
         q = count + np.arange(len(facets) * len(share)).reshape(len(facets), len(share))
         point, node = np.broadcast_arrays(q[:, :, None], facets[:, None, :])
         weight = np.broadcast_to(shape, point.shape)
-        rows.append(point.ravel()), columns.append(node.ravel()), values.append(weight.ravel())
+        rows.append(point.ravel())
+        columns.append(node.ravel())
+        values.append(weight.ravel())
         areas.append((size[:, None] * share).ravel())
         count += q.size
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(values), np.concatenate(areas)
@@ -95,7 +97,7 @@ def _merged(weights: scipy.sparse.csr_matrix, area: Floats) -> tuple[scipy.spars
         has = key[:, 0] > i
         key[has, i + 1] = weights.indices[weights.indptr[:-1][has] + i] + 1
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    return weights[first], np.bincount(group.ravel(), weights=area)
+    return weights[first], np.bincount(group.ravel(), weights=area).astype(np.float64)
 
 
 def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_]) -> Floats:

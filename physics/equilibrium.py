@@ -115,7 +115,7 @@ class Path:
             count = len(surface.area)
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(count))]
         # Below this force rounding in f(u) takes over: eps E h L with the largest extent L.
-        self.floor = 1e3 * np.finfo(float).eps * scene.material.young_modulus * self.size * np.ptp(mesh.points)
+        self.floor = 1e3 * float(np.finfo(float).eps) * scene.material.young_modulus * self.size * float(np.ptp(mesh.points))
         self.order, self.excess, self.halvings = 0, 0, 0
         self.fresh = 2  # Newton steps that a new factor needed
         self.factorisations = 0
@@ -212,17 +212,14 @@ class Path:
             return None
         centre = self.contact.obstacle.position(fraction)
         zone = before.zone if before is not None else self._zone
-        pressure = before.pressure if before is not None else self.states[-1].pressure
+        pressure = self.states[-1].pressure
+        if before is not None:  # forces go from zone to zone by way of the whole surface
+            pressure = np.zeros_like(pressure)
+            pressure[before.zone.points] = before.pressure
         if zone is None or not zone.covers(u, centre, NEAR * self.size):
-            if before is not None:  # forces go from zone to zone by way of the whole surface
-                pressure = np.zeros_like(self.states[-1].pressure)
-                pressure[zone.points] = before.pressure
             zone = self._zone = self.contact.zone(u, centre, REACH * self.size)
-            pressure = pressure[zone.points]
-        elif before is None:
-            pressure = pressure[zone.points]
         gap, normal = zone.gaps(u, centre)
-        return Touch(zone, gap, normal, pressure)
+        return Touch(zone, gap, normal, pressure[zone.points])
 
     def _step(self, force: Floats, touch: Touch | None) -> Floats:
         """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
@@ -343,13 +340,13 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None) -> Solu
         smallest_det_f=smallest_det_f(mesh.points, u, mesh.cells, mesh.cell),
         newton_iterations=np.array([state.iterations for state in states]),
         relative_residual=np.array([state.residual for state in states]), factorisations=path.factorisations,
-        halvings=path.halvings, model=model(scene), seconds=time.perf_counter() - started, failure=failure)
+        halvings=path.halvings, model=model(scene, path), seconds=time.perf_counter() - started, failure=failure)
 
 
-def model(scene: Scene) -> dict[str, str]:
+def model(scene: Scene, path: Path) -> dict[str, str]:
     """What is modelled, and why, in words."""
     said = {"kinematics": f"finite strain, {scene.material.law}; {scene.body.cell}s of first order",
-            "inertia": "none: quasi-static loading"}
+            "inertia": "none: quasi-static loading", "factor": path.factor.name}
     if scene.obstacle is None:
         said["contact"] = "none: the scene has no obstacle"
     else:

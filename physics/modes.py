@@ -64,7 +64,8 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None) ->
         raise InputError(f"{count} modes asked for, the body has {len(free)} free components")
     keep = PETSc.IS().createGeneral(free, comm=PETSc.COMM_SELF)
     stiffness = elasticity.stiffness(np.zeros_like(mesh.points)).createSubMatrix(keep, keep)
-    mass = elasticity.mass().createSubMatrix(keep, keep)
+    whole = elasticity.mass()
+    mass = whole.createSubMatrix(keep, keep)
 
     shift = -_first_bending(scene, mesh) / 10
     solver = _solver(stiffness, mass, count, shift)
@@ -78,11 +79,10 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None) ->
         values[i] = solver.getEigenpair(i, phi).real
         mass.mult(phi, work)
         scale = max(abs(values[i]), abs(shift)) * work.norm()
-        difference = work.duplicate()
-        stiffness.mult(phi, difference)
-        difference.axpy(-values[i], work)
-        residuals[i] = difference.norm() / scale
+        residuals[i] = (stiffness * phi - work * float(values[i])).norm() / scale
         vectors[i, free] = phi.array * np.sign(phi.array[np.argmax(abs(phi.array))])
+    for used in (solver, stiffness, mass, whole, phi, work):  # dolfinx hands out matrices that nobody else destroys
+        used.destroy()
     shapes = vectors[:, elasticity.space.dofs]
     return Modes(mesh=mesh, eigenvalues=values, shapes=shapes, residuals=residuals, dofs=len(free),
                  seconds=time.perf_counter() - started)

@@ -14,13 +14,22 @@ from physics.equilibrium import Path
 from physics.mesh import build_mesh
 
 
-def solve(scene, *, tolerance=1e-9):
-    """(T, N, 3) displacements of all steps; the residual is below `tolerance` of the reaction at every one."""
+def solve(scene, *, tolerance=1e-9, elasticity=None, steps=None, soften=1.0, halve=True):
+    """(T, N, 3) displacements of all steps, or the first ones; the residual is below `tolerance` of the reaction at each.
+
+    elasticity: makes another assembly of the same body from the solver's own
+    soften: makes contact softer by this factor, which Newton's method likes and the penetration does not
+    halve: False takes every step whole, which soft contact allows
+    """
     mesh = build_mesh(scene.body)
     path = Path(scene, mesh)
-    space, contact, fixed = path.elasticity.space, path.contact, space_mask(path)
+    if elasticity is not None:
+        path.elasticity = elasticity(path.elasticity)
+    if path.contact is not None:
+        path.contact.softness = path.contact.softness * soften
+    space, contact = path.elasticity.space, path.contact
     u, frames = np.zeros_like(mesh.points), [np.zeros_like(mesh.points)]
-    for step in range(1, scene.steps.count + 1):
+    for step in range(1, (steps or scene.steps.count) + 1):
         fraction = step / scene.steps.count
         u = np.where(path.fixed, fraction * path.target, u)
         for _ in range(100):
@@ -30,21 +39,16 @@ def solve(scene, *, tolerance=1e-9):
             free = space.to_dofs(np.where(path.fixed, 0.0, gradient))
             if np.linalg.norm(free) <= max(tolerance * scale, path.floor):
                 break
-            direction = space.from_dofs(solve_linear(hessian, -free, fixed))
-            length, before = 1.0, potential(path, u, fraction)
+            direction = space.from_dofs(solve_linear(hessian, -free))
+            length, before = 1.0, potential(path, u, fraction) if halve else 0.0
             # A fall below the rounding of the potential, eps (|W| + |b.u|), cannot be told from none.
-            while not potential(path, u + length * direction, fraction) <= before + 1e-9 * abs(before) and length > 1e-4:
+            while halve and not potential(path, u + length * direction, fraction) <= before + 1e-9 * abs(before) and length > 1e-4:
                 length /= 2
             u = u + length * direction
         else:
             raise RuntimeError(f"plain Newton found no equilibrium at step {step}")
         frames.append(u)
     return np.array(frames)
-
-
-def space_mask(path):
-    """(3 N,) True on held degrees of freedom."""
-    return path.elasticity.space.to_dofs(path.fixed.astype(float)) > 0
 
 
 def contact_force(path, u, fraction):
@@ -75,18 +79,18 @@ def contact_hessian(path, u, fraction):
     contact = path.contact
     gap, normal = contact.gaps(u, contact.obstacle.position(fraction))
     touched = np.flatnonzero(gap < 0)
+    weights = contact.surface.weights[touched]
+    nodes = np.unique(weights.indices)
+    gradient = (weights[:, nodes].toarray()[:, :, None] * normal[touched][:, None, :]).reshape(len(touched), 3 * len(nodes))  # (q, 3 n)
     # The curvature of the obstacle is left out: it takes away from the stiffness, and the step would no longer lead downhill.
-    block = np.einsum("qi,qj->qij", normal[touched], normal[touched]) / contact.softness[touched, None, None]
-    weights = scipy.sparse.kron(contact.surface.weights[touched], scipy.sparse.identity(3), format="csr")
-    by_node = weights.T @ scipy.sparse.block_diag(list(block) or [np.zeros((0, 0))]) @ weights
-    order = path.elasticity.space.dofs.ravel()
-    to_dofs = scipy.sparse.csr_matrix((np.ones(len(order)), (order, np.arange(len(order)))))
-    return to_dofs @ by_node @ to_dofs.T
+    block = gradient.T @ (gradient / contact.softness[touched, None])
+    dofs, size = path.elasticity.space.dofs[nodes].ravel(), u.size
+    rows, columns = np.broadcast_arrays(dofs[:, None], dofs)
+    return scipy.sparse.csr_matrix((block.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
 
 
-def solve_linear(hessian, right, fixed):
-    keep = scipy.sparse.diags((~fixed).astype(float))
-    hessian = (keep @ hessian @ keep + scipy.sparse.diags(fixed.astype(float))).tocsr()
+def solve_linear(hessian, right):
+    # Held rows and columns are those of the identity already; contact adds to none, for held nodes are not in contact.
     matrix = PETSc.Mat().createAIJ(hessian.shape, csr=(hessian.indptr, hessian.indices, hessian.data), comm=PETSc.COMM_SELF)
     pc = PETSc.PC().create(PETSc.COMM_SELF)
     pc.setOperators(matrix)
