@@ -10,6 +10,7 @@ import ctypes
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -42,7 +43,8 @@ def on_this_machine(function: Callable[[J], R], jobs: list[J], processes: int, *
     """
     with (_one_thread(), _bar(kept, len(jobs)) as bar,
           ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _die_with_parent) as pool):
-        futures = {pool.submit(function, job): job for job in jobs}
+        with _without_main():
+            futures = {pool.submit(function, job): job for job in jobs}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
@@ -118,6 +120,18 @@ def _die_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is None or os.getppid() != parent.pid:  # it was gone before the kernel knew
         os._exit(1)
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Processes spawned inside do not run the user's script again, as they would to look for functions in it: ours are elsewhere."""
+    main = sys.modules["__main__"]
+    before = {name: main.__dict__.get(name) for name in ("__file__", "__spec__")}
+    main.__dict__.update(dict.fromkeys(before))
+    try:
+        yield
+    finally:
+        main.__dict__.update(before)
 
 
 @contextmanager

@@ -91,12 +91,16 @@ for name in ("nodes", "graph_diameter", "xy_extent"):
 # %% [markdown]
 # ## Generate
 #
-# Every trajectory depends on the seed and its own number alone. Stop it whenever you like; the same call goes on.
+# Every trajectory depends on the seed and its own number alone. Stop it whenever you like; the same call goes on. A scene
+# without an equilibrium that could be found is replaced by another draw, and the reason is kept.
 
 # %%
 started = time.perf_counter()
 report = generate(family, wanted, folder / "data", workers=1)
 print(report, f"{report['trajectories'] / (time.perf_counter() - started) * 60:.0f} trajectories a minute")
+for entry in dataset.read_manifest(folder / "data").trajectories:
+    for reason in entry.failed_attempts:
+        print(f"{entry.file} is another draw: {reason}")
 again = generate(family, wanted, folder / "data", workers=1)
 assert again["new"] == 0
 

@@ -113,9 +113,8 @@ def test_a_run_killed_twice_goes_on(family, original, tmp_path):
     """Killed outright, twice, with its workers in the middle of their work: they end too, and what was finished is kept."""
     (tmp_path / "small.toml").write_text(SMALL)
     (tmp_path / "go.py").write_text(f"""
-from datagen import generate, family
-if __name__ == '__main__':
-    generate.generate(family.load_family({str(tmp_path / "small.toml")!r}), {COUNTS}, {str(tmp_path / "data")!r}, workers=2)
+from datagen import generate, family  # a script without "if __name__ ...", as users write them
+generate.generate(family.load_family({str(tmp_path / "small.toml")!r}), {COUNTS}, {str(tmp_path / "data")!r}, workers=2)
 """)
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MARK": str(tmp_path)}
     kept = {}
