@@ -157,7 +157,7 @@ def _leaves(value: Any, where: str = "") -> Iterator[tuple[str, str]]:
 def _units(kind: type) -> dict[str, str]:
     """The unit of every key of a scene, and of the places of its obstacle."""
     found: dict[str, str] = {}
-    waiting = [kind, Place]
+    waiting: list[Any] = [kind, Place]
     while waiting:
         one = waiting.pop()
         for field in dataclasses.fields(one):

@@ -159,7 +159,7 @@ def decode(blob: bytes) -> Trajectory:
 
     per_frame = {name: array.astype(np.float64 if array.dtype.kind == "f" else array.dtype) for name, array in named("frame ").items()}
     return Trajectory(
-        **{name: arrays[name] for name in AS_IT_IS}, connectivity=np.cumsum(arrays["connectivity"], dtype=np.int64),
+        points=arrays["points"], types=arrays["types"], node_kind=kinds, connectivity=np.cumsum(arrays["connectivity"], dtype=np.int64),
         offsets=np.concatenate([[0], ends]).astype(np.int64), displacement=displacement, segment=arrays.get("segment"),
         modes=(arrays["modes"] * MODE_STEP).astype(np.float32), per_frame=per_frame, fields=named("field "), **header)
 

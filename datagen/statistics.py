@@ -127,12 +127,12 @@ def mesh_error(trajectory: Trajectory) -> dict[str, float]:
 
 def _solved(scene: Scene, every: int, points: NDArray[np.float64], finer: int) -> tuple[NDArray[np.float64], float]:
     """Displacements (F, N, 3) at points (N, 3) of a scene in fewer steps, on so many times the cells each way, and seconds."""
-    cells = tuple(finer * n for n in scene.body.divisions)
-    body = dataclasses.replace(scene.body, cells=cells, cell_size=None)
+    nx, ny, nz = (finer * n for n in scene.body.divisions)
+    body = dataclasses.replace(scene.body, cells=(nx, ny, nz), cell_size=None)
     release()
     solution = solve(dataclasses.replace(scene, body=body, steps=Steps(count=scene.steps.count // every)))
     if solution.failure:
-        raise RuntimeError(f"the scene with {' x '.join(map(str, cells))} cells: {solution.failure}")
+        raise RuntimeError(f"the scene with {nx} x {ny} x {nz} cells: {solution.failure}")
     distance, node = cKDTree(solution.mesh.points).query(points)
     assert distance.max() < 1e-9, "halved cells keep the nodes"
     return solution.displacement[:, node], solution.seconds
