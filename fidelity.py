@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
+from datagen.verbs import VERBS, add_data_verbs
 from physics.schema import InputError
 
 Options = argparse.Namespace
@@ -94,74 +95,9 @@ def generate(options: Options) -> dict[str, Any]:
     return result
 
 
-def dataset_check(options: Options) -> dict[str, Any]:
-    """Every file of a data set: layout, checksums, physics."""
-    from datagen.check import check
-
-    problems = check(options.folder, steps=options.steps)
-    for problem in problems:
-        _say(options, problem)
-    if problems:
-        raise WorkError(f"{len(problems)} problem{'s' if len(problems) > 1 else ''} in {options.folder}: {problems[0]}")
-    _say(options, f"{options.folder}: nothing wrong")
-    return {"problems": problems}
-
-
-def dataset_stats(options: Options) -> dict[str, Any]:
-    """What a data set holds, in numbers."""
-    from datagen.statistics import lines, statistics
-
-    result = statistics(options.folder, refined=options.refined, seed=options.seed)
-    for line in lines(result):
-        _say(options, line)
-    return result
-
-
-def dataset_card(options: Options) -> dict[str, Any]:
-    """README.md of a data set: ranges, statistics, cost, licence."""
-    from datagen.card import write_card
-
-    path = write_card(options.folder, refined=options.refined)
-    _say(options, f"card: {path}")
-    return {"out": str(path)}
-
-
-def dataset_pack(options: Options) -> dict[str, Any]:
-    """A data set in one small file, its displacements within a tolerance."""
-    from datagen.pack import pack
-
-    out = _writable(options.out, ".pack")
-    result = pack(options.folder, out, tolerance=options.tolerance)
-    _say(options, f"{result['trajectories']} trajectories, {result['bytes'] / 1e6:.2f} MB, {result['ratio']:.0f} times smaller, "
-                  f"largest error {result['largest_error']:.3g} m: {out}")
-    return result
-
-
-def dataset_unpack(options: Options) -> dict[str, Any]:
-    """The data set in a packed file."""
-    from datagen.pack import unpack
-
-    result = unpack(options.file, _writable(options.out))
-    _say(options, f"{result['trajectories']} trajectories: {options.out}")
-    return result
-
-
-def dataset_import(options: Options) -> dict[str, Any]:
-    """A data set in DeepMind's format (TFRecord and meta.json) as trajectory files."""
-    from datagen.deepmind import import_records
-
-    result = import_records(options.folder, _writable(options.out), count=options.count)
-    _say(options, f"{result['trajectories']} trajectories: {options.out}")
-    return result
-
-
-def dataset_export(options: Options) -> dict[str, Any]:
-    """A data set in DeepMind's format (TFRecord and meta.json)."""
-    from datagen.deepmind import export_records
-
-    result = export_records(options.folder, _writable(options.out), cells=options.cells)
-    _say(options, f"{result['trajectories']} trajectories: {options.out}")
-    return result
+def of_data(options: Options) -> dict[str, Any]:
+    """One of the verbs that work on a folder of trajectories."""
+    return VERBS[options.what](options, say=lambda text: _say(options, text), writable=_writable)
 
 
 def segment(options: Options) -> dict[str, Any]:
@@ -216,6 +152,43 @@ def rollout(options: Options) -> dict[str, Any]:
     return {"steps": len(prediction.displacement) - 1, "rmse_all": error, **prediction.extra}
 
 
+def verify(options: Options) -> dict[str, Any]:
+    """Any prediction in the trajectory format, held against its reference and against the equations."""
+    import tomllib
+
+    import numpy as np
+
+    from datagen.trajectory import read_trajectory
+    from physics.mesh import build_mesh
+    from physics.scene import read_scene
+    from physics.verify import as_table
+    from physics.verify import verify as run
+
+    prediction, reference = read_trajectory(options.prediction), read_trajectory(options.reference)
+    out = _writable(options.out)
+    if prediction.displacement.shape != reference.displacement.shape or not np.array_equal(prediction.points, reference.points):
+        raise InputError(f"{options.prediction}: its mesh or number of frames is not that of {options.reference}")
+    if not reference.scene:
+        raise InputError(f"{options.reference}: holds no scene, so there are no equations to hold a prediction against")
+    scene, body = read_scene(tomllib.loads(reference.scene)), reference.body
+    mesh = build_mesh(scene.body)
+    if not np.array_equal(reference.points[body], mesh.points):
+        raise InputError(f"{options.reference}: its mesh is not the one that its scene builds")
+    found = run(prediction.displacement[:, body], reference.displacement[:, body], scene=scene, mesh=mesh, free=reference.free[body])
+    result = as_table(found)
+    for name, value in result.items():
+        _say(options, f"{name:20s} {value:.6g}")
+    if out is not None:
+        from physics.view import frame_picture
+
+        (out / "verify.json").write_text(json.dumps(_finite(result), indent=1))
+        step = found.worst_step
+        frame_picture(out / "worst.png", mesh, prediction=prediction.displacement[step, body], truth=reference.displacement[step, body],
+                      step=step, steps=len(reference.displacement) - 1)
+        _say(options, f"{out / 'verify.json'}, {out / 'worst.png'}")
+    return result
+
+
 def evaluate(options: Options) -> dict[str, Any]:
     """Rollouts of a trained run, its rivals and the FE solver, in one report."""
     from datagen.dataset import files
@@ -258,7 +231,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         result = options.verb_function(options)
         if options.json:
-            print(json.dumps(result))
+            print(json.dumps(_finite(result)))
         return 0
     except InputError as error:
         return _fail(str(error), 2)
@@ -268,6 +241,15 @@ def main(arguments: list[str] | None = None) -> int:
         return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 1)
     except KeyboardInterrupt:
         return _fail("stopped; finished files are kept", 130)
+
+
+def _finite(value: Any) -> Any:
+    """The same value with null for numbers that JSON has no word for."""
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _fail(message: str, status: int) -> int:
@@ -311,8 +293,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="fidelity", description="Physics fidelity of learned mesh simulators, held against finite elements.")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
 
-    def verb(name: str, function: Callable[[Options], dict[str, Any]], *positional: str, into: Any = verbs) -> argparse.ArgumentParser:
-        about = (function.__doc__ or "").strip()
+    def verb(name: str, function: Callable[[Options], dict[str, Any]], *positional: str, into: Any = verbs,
+             about: str = "") -> argparse.ArgumentParser:
+        about = about or (function.__doc__ or "").strip()
         added = into.add_parser(name, help=about, description=about)
         for argument in positional:
             added.add_argument(argument)
@@ -336,23 +319,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead")
     add("--time-limit", type=float, default=math.inf, metavar="S", help="seconds for one scene, then another is drawn (none)")
     add("--dry-run", action="store_true", help="only draw the scenes: what the set will be like")
-    of_data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
-    add = verb("check", dataset_check, "folder", into=of_data).add_argument
-    add("--steps", type=_positive, default=5, help="of each trajectory whose equilibrium is computed anew (5)")
-    add = verb("stats", dataset_stats, "folder", into=of_data).add_argument
-    add("--refined", type=int, default=0, help="trajectories solved again with twice the cells each way (0)")
-    add("--seed", type=int, default=0, help="of the choice of these")
-    verb("card", dataset_card, "folder", into=of_data).add_argument("--refined", type=int, default=10, help="as for stats (10)")
-    add = verb("pack", dataset_pack, "folder", into=of_data).add_argument
-    add("--tolerance", type=float, default=1e-6, help="largest error of a displacement [m] (1e-6)")
-    add("--out", required=True, help="file, .pack")
-    verb("unpack", dataset_unpack, "file", into=of_data).add_argument("--out", required=True, help="folder")
-    add = verb("import", dataset_import, "folder", into=of_data).add_argument
-    add("--out", required=True, help="folder")
-    add("--count", type=_positive, help="at most so many of each split (all)")
-    add = verb("export", dataset_export, "folder", into=of_data).add_argument
-    add("--out", required=True, help="folder")
-    add("--cells", choices=("tetrahedra", "own"), default="tetrahedra", help="tetrahedra, as DeepMind's readers expect, or our own cells")
+    data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
+    add_data_verbs(lambda name, about, *positional: verb(name, of_data, *positional, about=about, into=data), _positive)
     add = verb("segment", segment, "trajectory").add_argument
     add("--segments", type=_positive, default=19, help="how many (19)")
     add("--method", default="slic-mdod-e", help="metis or slic-mdod-e")
@@ -362,6 +330,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--steps", type=_positive, help="stop after this training step")
     add("--resume", action="store_true", help="go on from the run's last checkpoint")
     verb("rollout", rollout, "run", "trajectory").add_argument("--out", required=True, help="trajectory, .vtkhdf")
+    add = verb("verify", verify, "prediction").add_argument
+    add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
+    add("--out", help="folder for the figures and a picture of the worst frame")
     add = verb("evaluate", evaluate, "run").add_argument
     add("--data", required=True, help="folder of a data set")
     add("--split", default="test")

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import numpy as np
 import ufl
 
-from physics import equilibrium, fem
+from physics import equilibrium, fem, newton
 from physics.elasticity import Elasticity
 from physics.material import LAWS, lame
 from physics.scene import Scene, Steps, read_scene
@@ -81,7 +81,7 @@ def ours(scene: Scene) -> tuple[float, np.ndarray, equilibrium.Solution]:
 def plain(scene: Scene, steps: int) -> tuple[float, np.ndarray]:
     """Seconds and displacements of the first steps by plain full Newton with dolfinx's assembly."""
     start = time.perf_counter()
-    u = plain_newton.solve(scene, tolerance=equilibrium.TOLERANCE, elasticity=DolfinxElasticity, steps=steps, soften=SOFTEN, halve=False)
+    u = plain_newton.solve(scene, tolerance=newton.TOLERANCE, elasticity=DolfinxElasticity, steps=steps, soften=SOFTEN, halve=False)
     return time.perf_counter() - start, u
 
 
@@ -118,11 +118,11 @@ def parts() -> dict:
     scene = read_scene(PRESS)
     u = ours(replace(scene, steps=Steps(count=100)))[1][-1]
     path = equilibrium.Path(scene, equilibrium.build_mesh(scene.body))
-    path.factor.update(u)
-    slow, force = DolfinxElasticity(path.elasticity), path.elasticity.force(u)
-    work = {"force": lambda: path.elasticity.force(u), "force, dolfinx": lambda: slow.force(u),
-            "energy": lambda: path.elasticity.energy(u), "stiffness and factor": lambda: path.factor.update(u),
-            "stiffness, dolfinx": lambda: slow.stiffness(u), "solve": lambda: path.factor.solve(force)}
+    path.newton.factor.update(u)
+    slow, force = DolfinxElasticity(path.balance.elasticity), path.balance.elasticity.force(u)
+    work = {"force": lambda: path.balance.elasticity.force(u), "force, dolfinx": lambda: slow.force(u),
+            "energy": lambda: path.balance.elasticity.energy(u), "stiffness and factor": lambda: path.newton.factor.update(u),
+            "stiffness, dolfinx": lambda: slow.stiffness(u), "solve": lambda: path.newton.factor.solve(force)}
     found = {}
     for name, run in work.items():
         laps = []
@@ -131,7 +131,7 @@ def parts() -> dict:
             run()
             laps.append(time.perf_counter() - start)
         found[f"{name} [ms]"] = 1e3 * float(np.median(laps))
-    factor = np.empty(force.size * (path.factor.band + 1))
+    factor = np.empty(force.size * (path.newton.factor.band + 1))
     start = time.perf_counter()
     for _ in range(20):
         factor.sum()

@@ -26,9 +26,9 @@ from datagen.dataset import digest, read_manifest
 from datagen.family import SPLITS
 from datagen.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
 from datagen.workers import progress
-from physics.equilibrium import TOLERANCE
 from physics.fem import release
 from physics.mesh import Mesh, build_mesh
+from physics.newton import TOLERANCE
 from physics.obstacle import Rigid
 from physics.quality import smallest_det_f
 from physics.scene import Scene, read_scene
@@ -134,31 +134,32 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
     count, nodes = scene.steps.count, len(mesh.points)
     release()
     checker = Checker(scene, mesh)
-    path, elasticity, fixed = checker.path, checker.path.elasticity, checker.path.fixed
+    balance = checker.balance
+    elasticity, fixed = balance.elasticity, balance.fixed
     blur, random = precision(trajectory)[:, :nodes], np.random.default_rng(0)
     for t in np.unique(np.linspace(count / steps, count, steps).round().astype(int)):
         u = trajectory.displacement[t, :nodes].astype(np.float64)
-        missing, reaction = checker.residual(u, t / count)
-        force, energy = elasticity.force(u), elasticity.energy(u)
+        found, force = checker.frame(u, t / count), elasticity.force(u)
         lost = lost_energy = lost_reaction = 0.0
         for _ in range(3):
             near = np.where(fixed, u, u + blur[t] * random.choice((-1.0, 1.0), u.shape))
+            other = checker.frame(near, t / count)
             lost = max(lost, float(np.linalg.norm(elasticity.force(near) - force)))
-            lost_energy = max(lost_energy, abs(elasticity.energy(near) - energy))
-            lost_reaction = max(lost_reaction, abs(checker.residual(near, t / count)[1] - reaction))
+            lost_energy = max(lost_energy, abs(other.energy - found.energy))
+            lost_reaction = max(lost_reaction, float(np.linalg.norm(other.reaction - found.reaction)))
         # The solver stops at its floor where rounding in f itself takes over.
-        allowed = max(TOLERANCE * max(reaction, float(np.linalg.norm(force[fixed]))), path.floor) + ROUNDING * lost
-        if not missing <= allowed:
-            return [f"no equilibrium at step {t}: |R| = {missing:.2g} N, where rounding allows {allowed:.2g} N"]
+        scale = max(float(np.linalg.norm(found.reaction)), float(np.linalg.norm(force[fixed])))
+        allowed = max(TOLERANCE * scale, balance.floor) + ROUNDING * lost
+        if not found.residual <= allowed:
+            return [f"no equilibrium at step {t}: |R| = {found.residual:.2g} N, where rounding allows {allowed:.2g} N"]
         # To first order energy changes by f . d, whose sign may cancel in the sample: add its size were it aligned at random.
         lost_energy += float(np.linalg.norm(force * blur[t]))
         stored = trajectory.per_frame.get("energy")
-        if stored is not None and not abs(stored[t] - energy) <= 1e-9 * abs(energy) + path.floor * path.size + ROUNDING * lost_energy:
-            return [f"energy {stored[t]:.6g} J at step {t}, computed anew {energy:.6g} J"]
+        room = 1e-9 * abs(found.energy) + balance.floor * balance.size + ROUNDING * lost_energy
+        if stored is not None and not abs(stored[t] - found.energy) <= room:
+            return [f"energy {stored[t]:.6g} J at step {t}, computed anew {found.energy:.6g} J"]
         stored = trajectory.per_frame.get("reaction")
-        if stored is None or path.contact is None:
-            continue
         # What the solver left over may be missing in the sum as well.
-        if not abs(float(np.linalg.norm(stored[t])) - reaction) <= allowed + ROUNDING * lost_reaction:
-            return [f"reaction {np.linalg.norm(stored[t]):.6g} N at step {t}, computed anew {reaction:.6g} N"]
+        if stored is not None and not np.linalg.norm(stored[t] - found.reaction) <= allowed + ROUNDING * lost_reaction:
+            return [f"reaction {np.round(stored[t], 6).tolist()} N at step {t}, computed anew {np.round(found.reaction, 6).tolist()} N"]
     return []

@@ -26,7 +26,8 @@ from datagen.family import SPLITS, Family, draw
 from datagen.provenance import commit, versions
 from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.workers import on_cluster, on_this_machine, progress
-from physics.equilibrium import Solution, cell_size, solve
+from physics.balance import cell_size
+from physics.equilibrium import Solution, solve
 from physics.fem import release
 from physics.mesh import VTK_TYPE
 from physics.modes import elastic_modes

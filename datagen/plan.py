@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from datagen.family import Family, draw
 from datagen.generate import jobs_of
-from physics.equilibrium import cell_size
+from physics.balance import cell_size
 from physics.mesh import build_mesh
 from physics.obstacle import Rigid
 from physics.scene import Scene

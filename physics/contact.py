@@ -100,23 +100,29 @@ def _merged(weights: scipy.sparse.csr_matrix, area: Floats) -> tuple[scipy.spars
     return weights[first], np.bincount(group.ravel(), weights=area).astype(np.float64)
 
 
-def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_]) -> Floats:
-    """p >= 0 with w = gap + matrix p >= 0 and p . w = 0, for a symmetric positive definite matrix (Q, Q).
+def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_], *, definite: bool = True) -> Floats:
+    """p >= 0 with w = gap + matrix p >= 0 and p . w = 0, for a symmetric matrix (Q, Q).
 
-    Starts from a guess (Q,) of the points in contact. Where the active set goes round in circles the equivalent
-    least-squares problem with p >= 0 is solved instead, which always ends.
+    Starts from a guess (Q,) of the points in contact. Where the active set of a positive definite matrix goes round in
+    circles, the equivalent least-squares problem with p >= 0 is solved instead, which always ends.
+
+    Raises:
+        np.linalg.LinAlgError: the matrix is not what it is said to be, or, where it is not definite, no set was found
     """
     active = guess.copy()
     for _ in range(50):
         p = np.zeros(len(gap))
         if active.any():
             index = np.flatnonzero(active)
-            p[index] = scipy.linalg.solve(matrix[np.ix_(index, index)], -gap[index], assume_a="pos", check_finite=False)
+            p[index] = scipy.linalg.solve(matrix[np.ix_(index, index)], -gap[index], assume_a="pos" if definite else "sym",
+                                          check_finite=False)
         w = gap + matrix @ p
         following = np.where(active, p > 0, w < 0)
         if (following == active).all():
             return p
         active = following
+    if not definite:
+        raise np.linalg.LinAlgError("the points in contact could not be found")
     lower = np.linalg.cholesky(matrix)
     return scipy.optimize.nnls(lower.T, -scipy.linalg.solve_triangular(lower, gap, lower=True))[0]
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from datagen.family import draw, load_family
-from physics import equilibrium
-from physics.equilibrium import TOLERANCE, cell_size, solve
+from physics import newton
+from physics.balance import cell_size
+from physics.equilibrium import solve
+from physics.newton import TOLERANCE
 from physics.schema import InputError
 from tests import plain_newton
 from tests.scenes import beam, pressed
@@ -107,4 +109,46 @@ def test_scenes_without_a_solution_are_refused():
 
 def test_the_same_scene_gives_the_same_bits():
     assert np.array_equal(solve(pressed()).displacement, solve(pressed()).displacement)
-    assert equilibrium.REFACTOR_COST == 8  # a measured time in its place would break this
+    assert newton.REFACTOR_COST == 8  # a measured time in its place would break this
+
+
+def work_of_obstacle(scene, solution):
+    """Work [J] of the obstacle on a straight path, by the trapezoidal rule."""
+    start, end = (np.array(point) for point in scene.obstacle.path)
+    push = -(solution.reaction @ (end - start)) / scene.steps.count
+    return np.sum((push[1:] + push[:-1]) / 2)
+
+
+def test_block_squeezed_by_half():
+    """Its stiffness alone turns indefinite on the way; the obstacle is what holds it."""
+    scene = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [5, 5, 5]}, support=[{"where": "z-min", "fixed": "xyz"}],
+                 obstacle={"shape": "half-space", "normal": [0.0, 0.0, -1.0], "path": [[0.0, 0.0, 0.0201], [0.0, 0.0, 0.01]]},
+                 steps={"count": 100})
+    solution = solve(scene)
+    assert not solution.failure
+    assert solution.displacement[-1, :, 2].min() == pytest.approx(-0.01, abs=1e-6)
+    assert solution.smallest_det_f.min() > 0 and solution.penetration.max() < 1e-4 * cell_size(solution.mesh)
+    assert work_of_obstacle(scene, solution) == pytest.approx(solution.energy[-1], rel=1e-2)
+
+
+@pytest.mark.parametrize("poisson_ratio", [0.49, 0.499, 0.4999])
+def test_nearly_incompressible_bodies_stay_in_equilibrium(poisson_ratio):
+    """First-order cells lock then, and are far too stiff; but what they say is still an equilibrium of theirs."""
+    scene = pressed(material={"young_modulus": 1e6, "poisson_ratio": poisson_ratio}, steps={"count": 60})
+    solution = solve(scene)
+    assert not solution.failure
+    assert solution.relative_residual.max() <= TOLERANCE
+    assert work_of_obstacle(scene, solution) == pytest.approx(solution.energy[-1], rel=1e-2)
+
+
+def test_every_shape_of_obstacle_presses():
+    """Obstacles that touch with the same width bend a beam with about the same force, without penetration."""
+    shapes = {"capsule": {"shape": "capsule", "radius": 0.01, "length": 0.06},
+              "box": {"shape": "box", "size": [0.02, 0.06, 0.02], "radius": 0.0099}, "cylinder": {"shape": "cylinder", "radius": 0.01}}
+    reaction = {}
+    for name, obstacle in shapes.items():
+        solution = solve(pressed(obstacle={**obstacle, "path": [[0.05, 0.01, 0.0305], [0.05, 0.01, 0.0205]]}))
+        assert not solution.failure and solution.penetration.max() < 1e-4 * cell_size(solution.mesh)
+        reaction[name] = solution.reaction[-1, 2]
+    assert reaction["capsule"] == pytest.approx(reaction["cylinder"], rel=1e-9)  # its ends lie outside of the beam
+    assert reaction["box"] == pytest.approx(reaction["cylinder"], rel=2e-2)  # rounded almost to a cylinder
