@@ -15,7 +15,6 @@ Say = Callable[[str], None]
 Writable = Callable[..., Any]
 
 
-
 def add_data_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int]) -> None:
     """Declare the verbs to a parser: `verb(name, about, *positional)` adds one."""
     add = verb("check", "Every file of a data set: layout, checksums, physics.", "folder").add_argument

@@ -256,3 +256,14 @@ def soon(condition):
     while not condition() and time.monotonic() < deadline:
         time.sleep(0.05)
     return condition()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "indices"), [("beam", range(6)), ("beam-large", (0, 1))])
+def test_the_families_of_the_package_can_be_solved(tmp_path, name, indices):
+    """Real draws, whole, against their own equations at every tenth step."""
+    family = load_family(name)
+    for index in indices:
+        entry, _ = generate._make(generate.Job(family, tmp_path, dataset.file_name("train", index), 0, index))
+        assert entry is not None and entry.steps == 400
+        assert check.against_scene(read_trajectory(tmp_path / entry.file), steps=40) == []
