@@ -16,7 +16,7 @@ import pytest
 
 import fidelity
 from datagen import check, dataset, generate
-from datagen.family import draw
+from datagen.family import draw, load_family
 from datagen.trajectory import HANDLE, OBSTACLE, PER_FRAME, problems, read_trajectory, write_trajectory
 from physics.obstacle import Rigid
 from physics.schema import InputError
