@@ -6,13 +6,14 @@ and ended by the kernel when its parent is gone. On a cluster the workers are wh
 
 from __future__ import annotations
 
+import asyncio
 import ctypes
 import multiprocessing
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
@@ -71,6 +72,7 @@ def on_cluster(function: Callable[[J], R], jobs: list[J], address: str, *, prepa
     try:
         from distributed import Client
         from distributed import as_completed as completed
+        from distributed.comm import CommClosedError
         from distributed.scheduler import KilledWorker
     except ImportError:
         raise InputError("--cluster needs the package distributed: pip install distributed") from None
@@ -96,8 +98,11 @@ def on_cluster(function: Callable[[J], R], jobs: list[J], address: str, *, prepa
         except KilledWorker:
             raise RuntimeError("workers of the cluster were lost again and again, perhaps for want of memory. What is finished "
                                "is kept: run the same again to go on") from None
+        except (asyncio.CancelledError, CancelledError, CommClosedError):
+            raise RuntimeError(f"the scheduler at {address} is gone. What is finished is kept: run the same again to go on") from None
         finally:
-            client.cancel(list(futures))
+            if client.status == "running":
+                client.cancel(list(futures))
 
 
 def _ready(function: Callable[[Any], None], argument: Any, folder: Path, expected: str) -> None:
