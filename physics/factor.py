@@ -22,7 +22,8 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from physics.elasticity import Elasticity
 
 Floats = NDArray[np.float64]
-WIDEST_BAND = 450  # past this the general method is faster (benchmarks/equilibrium.py)
+WIDEST_BAND = 800  # past this the general method is faster: for beams between 15 k and 35 k nodes
+LARGEST_BAND = 250_000_000  # numbers in it: 2 GB
 
 
 class NotPositiveDefinite(ArithmeticError):
@@ -48,7 +49,8 @@ class Factor(Protocol):
 def factor_for(elasticity: Elasticity) -> Factor:
     """The factor that suits a body: banded when its nodes can be numbered so that the band is narrow."""
     order, band = narrowest_order(elasticity)
-    return BandFactor(elasticity, order, band) if band <= WIDEST_BAND else SparseFactor(elasticity)
+    narrow = band <= WIDEST_BAND and band * elasticity.mesh.points.size <= LARGEST_BAND
+    return BandFactor(elasticity, order, band) if narrow else SparseFactor(elasticity)
 
 
 def narrowest_order(elasticity: Elasticity) -> tuple[NDArray[np.int64], int]:

@@ -7,7 +7,7 @@ import pytest
 
 from physics.equilibrium import solve
 from physics.newton import TOLERANCE
-from physics.verify import verify
+from physics.verify import Checker, verify
 from tests.scenes import pressed
 
 
@@ -92,3 +92,15 @@ def test_another_material_is_found_by_energy_reaction_and_residual(case):
     assert other.rmse_all < 1e-5 and fidelity.rmse_all == 0
     law = replace(scene, material=replace(scene.material, poisson_ratio=0.2))
     assert verify(solve(law).displacement, solution.displacement, scene=scene, mesh=solution.mesh, free=free).relative_residual > 0.01
+
+
+def test_enough_correction_is_the_finite_element_solution(case):
+    """From a beam bent a millimetre too far, touching nothing, Newton steps lead to the equilibrium of that step."""
+    scene, solution, _ = case
+    checker, truth = Checker(scene, solution.mesh), solution.displacement[-1]
+    u = truth - np.array([0, 0, 1e-3]) * (solution.mesh.points[:, :1] / 0.06) ** 2
+    errors = []
+    for _ in range(6):
+        u = u + checker.correction(u, 1.0)
+        errors.append(abs(u - truth).max())
+    assert errors[0] < 0.2e-3 and errors[-1] < 1e-5 * abs(truth).max()
