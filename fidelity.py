@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
+from datagen.verbs import VERBS, add_data_verbs
 from physics.schema import InputError
 
 Options = argparse.Namespace
@@ -76,25 +77,27 @@ def generate(options: Options) -> dict[str, Any]:
     """Trajectories of a family of scenes."""
     from datagen.family import counts, load_family
     from datagen.generate import generate as run
+    from datagen.plan import planned
 
     family = load_family(options.family)
     wanted = counts(family, count=options.count, split=options.split)
-    result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers)
+    if options.dry_run:
+        result = planned(family, wanted, seed=options.seed)
+        for name, value in result.items():
+            _say(options, f"{name:15s} " + (", ".join(f"{key} {number:.6g}" for key, number in value.items())
+                                            if isinstance(value, dict) else str(value)))
+        return result
+    if options.out is None:
+        raise InputError("--out: give the folder, or --dry-run to see what would be made")
+    result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers,
+                 cluster=options.cluster, time_limit=options.time_limit)
     _say(options, ", ".join(f"{key} {value}" for key, value in result.items()) + f": {options.out}")
     return result
 
 
-def dataset_check(options: Options) -> dict[str, Any]:
-    """Every file of a data set: layout, checksums, physics."""
-    from datagen.dataset import check
-
-    problems = check(options.folder)
-    for problem in problems:
-        _say(options, problem)
-    if problems:
-        raise WorkError(f"{len(problems)} problem{'s' if len(problems) > 1 else ''} in {options.folder}: {problems[0]}")
-    _say(options, f"{options.folder}: nothing wrong")
-    return {"problems": problems}
+def of_data(options: Options) -> dict[str, Any]:
+    """One of the verbs that work on a folder of trajectories."""
+    return VERBS[options.what](options, say=lambda text: _say(options, text), writable=_writable)
 
 
 def segment(options: Options) -> dict[str, Any]:
@@ -290,8 +293,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="fidelity", description="Physics fidelity of learned mesh simulators, held against finite elements.")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
 
-    def verb(name: str, function: Callable[[Options], dict[str, Any]], *positional: str, into: Any = verbs) -> argparse.ArgumentParser:
-        about = (function.__doc__ or "").strip()
+    def verb(name: str, function: Callable[[Options], dict[str, Any]], *positional: str, into: Any = verbs,
+             about: str = "") -> argparse.ArgumentParser:
+        about = about or (function.__doc__ or "").strip()
         added = into.add_parser(name, help=about, description=about)
         for argument in positional:
             added.add_argument(argument)
@@ -303,14 +307,20 @@ def _parser() -> argparse.ArgumentParser:
     add("--count", type=_positive, default=10, help="how many (10)")
     add("--out", help="shapes as .vtu")
     verb("simulate", simulate, "scene").add_argument("--out", required=True, help="trajectory, .vtkhdf")
-    add = verb("generate", generate, "family").add_argument
-    add("--out", required=True, help="folder")
-    add("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
+    added = verb("generate", generate, "family")
+    add = added.add_argument
+    add("--out", help="folder")
+    number = added.add_mutually_exclusive_group().add_argument
+    number("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
+    number("--all", action="store_true", help="the family's own number, as without --count")
     add("--split", help="only train, valid or test")
     add("--seed", type=int, default=0)
     add("--workers", type=_positive, help="processes (one for each core)")
-    of_data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
-    verb("check", dataset_check, "folder", into=of_data)
+    add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead")
+    add("--time-limit", type=float, default=math.inf, metavar="S", help="seconds for one scene, then another is drawn (none)")
+    add("--dry-run", action="store_true", help="only draw the scenes: what the set will be like")
+    data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
+    add_data_verbs(lambda name, about, *positional: verb(name, of_data, *positional, about=about, into=data), _positive)
     add = verb("segment", segment, "trajectory").add_argument
     add("--segments", type=_positive, default=19, help="how many (19)")
     add("--method", default="slic-mdod-e", help="metis or slic-mdod-e")

@@ -2,13 +2,16 @@
 
     length = { uniform = [0.1, 0.12] }                  any number, also inside arrays
     young_modulus = { log-uniform = [1e5, 1e7] }
-    cell = { choice = ["prism", "hexahedron"] }         any values, arrays and tables too
+    cell = { choice = ["prism", "hexahedron"] }         any values, whole arrays and tables too, with ranges of their own
 
-    [obstacle.place]                                    instead of path: straight down onto a face, and on
+    [obstacle.place]                                    instead of path: from outside onto a face, and on; see place.py
     face = "z-max"
-    along = 0.8                                         see `Place`
-    gap = 0.001
     depth = { uniform = [0.015, 0.03] }
+
+    [[case]]                                            one of these tables is drawn and laid over the rest: for values
+    weight = 2                                          that belong together; how often, in proportion (1)
+    support = [{ where = "x-min" }]
+    obstacle.place.along = 0.9
 
     [splits]                                            how many trajectories of each kind, unless asked otherwise
     train = 8
@@ -28,26 +31,13 @@ from typing import Any
 
 import numpy as np
 
-from physics.scene import PLACES, Body, Obstacle, Scene, read_scene
+from datagen.place import placed
+from physics.scene import Scene, read_scene
 from physics.schema import InputError, nearest, quantity, read_table, read_toml
 
 FOLDER = Path(__file__).parent / "families"
 SPLITS = ("train", "valid", "test")
 RANGES = ("uniform", "log-uniform", "choice")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Place:
-    """Where a round obstacle meets a face of the body: it comes along the face's normal and goes on into the body.
-
-    `along` and `across` are fractions of the face's two sides, in the order x, y, z: on z-max along x and across y.
-    """
-
-    face: str = quantity("z-max", choice=PLACES)
-    along: float = quantity(0.5, at_least=0, at_most=1)
-    across: float = quantity(0.5, at_least=0, at_most=1)
-    gap: float = quantity(0.0, unit="m", at_least=0)  # between surface and face at step 0
-    depth: float = quantity(unit="m", above=0)  # of the last step, beyond first touch
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,32 +111,36 @@ def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
     Raises:
         InputError: a range is wrong, or the scene is
     """
-    table = _drawn(family.table, "", (seed, index, attempt))
+    key = (seed, index, attempt)
+    table = _drawn(_with_case(family.table, key), "", key)
     obstacle = table.get("obstacle")
     if isinstance(obstacle, dict) and "place" in obstacle:
-        if "path" in obstacle:
-            raise InputError("obstacle: give either path or place")
-        place = read_table(Place, obstacle.pop("place"), "obstacle.place")
-        # Read and check all but the path, which needs the body's extent and the obstacle's radius.
-        scene = read_scene({**table, "obstacle": {**obstacle, "path": [[0.0, 0.0, 0.0]]}})
-        assert scene.obstacle is not None
-        obstacle["path"] = _path(place, scene.body, scene.obstacle)
+        table["obstacle"] = placed(table)
     return read_scene(table)
 
 
-def _path(place: Place, body: Body, obstacle: Obstacle) -> list[list[float]]:
-    """Two way-points of the centre, from `gap` before the face to `depth` behind first touch."""
-    normal, outward = divmod(PLACES.index(place.face), 2)
-    if obstacle.shape == "cylinder" and abs(obstacle.axis[normal]) > 1e-9 * math.hypot(*obstacle.axis):
-        raise InputError(f"obstacle.axis = {list(obstacle.axis)}: must be parallel to obstacle.place's face {place.face}")
-    first, second = (k for k in range(3) if k != normal)
-    centre = [0.0, 0.0, 0.0]
-    centre[first], centre[second] = place.along * body.extent[first], place.across * body.extent[second]
-    path = []
-    for distance in (obstacle.radius + place.gap, obstacle.radius - place.depth):
-        centre[normal] = body.extent[normal] + distance if outward else -distance
-        path.append(list(centre))
-    return path
+def _with_case(table: dict[str, Any], key: tuple[int, int, int]) -> dict[str, Any]:
+    """The table with one of its cases laid over it."""
+    table = dict(table)
+    cases = table.pop("case", [])
+    if not isinstance(cases, list) or not all(isinstance(case, dict) for case in cases):
+        raise InputError("case must be an array of tables: [[case]]")
+    if not cases:
+        return table
+    weights = [case.get("weight", 1) for case in cases]
+    for i, weight in enumerate(weights):
+        if type(weight) not in (int, float) or not (math.isfinite(weight) and weight > 0):
+            raise InputError(f"case[{i}].weight = {weight!r}: must be a number above 0")
+    ends = np.cumsum(weights) / sum(weights)
+    drawn = int(np.searchsorted(ends[:-1], _uniform("case", key), side="right"))
+    return _merged(table, {name: value for name, value in cases[drawn].items() if name != "weight"})
+
+
+def _merged(below: Any, above: Any) -> Any:
+    """A value laid over another: tables are merged key by key, unless one is a range; everything else is replaced."""
+    if not (isinstance(below, dict) and isinstance(above, dict)) or set(RANGES) & (below.keys() | above.keys()):
+        return above
+    return {**below, **{name: _merged(below.get(name), value) for name, value in above.items()}}
 
 
 def _drawn(value: Any, where: str, key: tuple[int, int, int]) -> Any:
@@ -160,14 +154,16 @@ def _drawn(value: Any, where: str, key: tuple[int, int, int]) -> Any:
         return {name: _drawn(entry, f"{where}.{name}" if where else name, key) for name, entry in value.items()}
     if len(value) > 1:
         raise InputError(f"{where} = {value}: a range has one key, {', '.join(RANGES)}")
-    return _from_range(kinds[0], value[kinds[0]], where, _uniform(where, key))
+    return _from_range(kinds[0], value[kinds[0]], where, key)
 
 
-def _from_range(kind: str, given: Any, where: str, u: float) -> Any:
+def _from_range(kind: str, given: Any, where: str, key: tuple[int, int, int]) -> Any:
+    u = _uniform(where, key)
     if kind == "choice":
         if not isinstance(given, list) or not given:
             raise InputError(f"{where}.choice must be an array of at least one value")
-        return given[int(u * len(given))]
+        chosen = int(u * len(given))
+        return _drawn(given[chosen], f"{where}.choice[{chosen}]", key)
     if not isinstance(given, list) or len(given) != 2 or any(type(end) not in (int, float) for end in given):
         raise InputError(f"{where}.{kind} must be an array of two numbers")
     low, high = (float(end) for end in given)

@@ -4,39 +4,31 @@ Every trajectory depends on (seed, index) alone, so any number of workers, in an
 is a process of its own with one thread, spawned rather than forked because MPI does not survive a fork. A file appears only
 when it is whole; what is there already is kept, so a run that was killed goes on where it was.
 
-A scene without an equilibrium is replaced by the next attempt at the same index; the file that takes its place carries the
-reason, and so does the manifest.
+A scene without an equilibrium, or over its time, is replaced by the next attempt at the same index; the file that takes its
+place carries the reason, and so does the manifest.
 """
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
-import importlib.metadata
-import multiprocessing
+import math
 import os
-import platform
-import signal
-import subprocess
 import time
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
-from tqdm import tqdm
 
 from datagen import dataset
 from datagen.family import SPLITS, Family, draw
+from datagen.provenance import commit, versions
 from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
+from datagen.workers import on_cluster, on_this_machine, progress
 from physics.balance import cell_size
 from physics.equilibrium import Solution, solve
+from physics.fem import release
 from physics.mesh import VTK_TYPE
 from physics.modes import elastic_modes
 from physics.obstacle import Rigid
@@ -46,20 +38,25 @@ from physics.supports import held
 
 ATTEMPTS = 5
 STRIDE = 1_000_000  # indices of valid follow those of train at this distance, so that each split can grow by itself
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
-def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int = 0, index: int = 0) -> Trajectory:
+class OverTime(RuntimeError):
+    """A scene took longer than it may; the message says how far it came."""
+
+
+def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int = 0, index: int = 0,
+                  on_step: Callable[[int], None] | None = None) -> Trajectory:
     """The solution of a scene, computed unless given, with its first elastic mode and the obstacle's surface moving along.
 
     When the solver stops early the trajectory holds the steps before, is not `complete`, and `extra` says why under
-    "failure". `extra` also holds what was modelled, the seconds it took and the number of factorisations.
+    "failure". `extra` also holds what was modelled, the seconds it took and the number of factorisations. `on_step` is
+    called with the number of each step that is reached.
 
     Raises:
         InputError: the scene has no solution to look for
         RuntimeError: the elastic mode was not found
     """
-    solution = solution or solve(scene)
+    solution = solution or solve(scene, on_step=on_step)
     mesh = solution.mesh
     modes = elastic_modes(scene, count=1, mesh=mesh)
     nodes, frames = len(mesh.points), len(solution.displacement)
@@ -98,16 +95,28 @@ class Job:
     file: str
     seed: int
     index: int
+    time_limit: float = math.inf  # [s] for one attempt
 
 
-def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: int = 0,
-             workers: int | None = None) -> dict[str, Any]:
+def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_limit: float = math.inf) -> list[Job]:
+    """The files of a data set, in order. Raises `InputError` for a bad seed."""
+    if seed < 0:
+        raise InputError(f"seed = {seed}: must be at least 0")
+    return [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * STRIDE + number, time_limit)
+            for split, wanted in splits.items() for number in range(wanted)]
+
+
+def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: int = 0, workers: int | None = None,
+             cluster: str = "", time_limit: float = math.inf) -> dict[str, Any]:
     """Make a folder of trajectories, or what is missing of it, and its manifest.
 
     Args:
         splits: how many trajectories of each split, as `family.counts` gives them
         out: the folder; when it holds a data set, then one of the same family and seed
-        workers: processes, by default one for each core
+        workers: processes on this machine, by default one for each core
+        cluster: address of a Dask scheduler whose workers do it instead; they must see the folder under the same name
+        time_limit: [s] for each attempt at a scene; one that takes longer counts as failed, so with a limit the set may
+            depend on the machine
 
     Returns:
         the numbers of trajectories asked for, of new ones, of failed attempts at them, and the seconds it took
@@ -117,25 +126,29 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         RuntimeError: not all could be made; what was made is kept, and another call goes on from there
         OSError: a file cannot be written
     """
-    started, out = time.perf_counter(), Path(out)
+    started, out = time.perf_counter(), Path(out).absolute()
     workers = len(os.sched_getaffinity(0)) if workers is None else workers
     if workers < 1:
         raise InputError(f"workers = {workers}: must be at least 1")
-    if seed < 0:
-        raise InputError(f"seed = {seed}: must be at least 0")
-    jobs = [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * STRIDE + number)
-            for split, wanted in splits.items() for number in range(wanted)]
+    if not time_limit > 0:
+        raise InputError(f"time limit {time_limit:g} s: must be above 0")
+    jobs = jobs_of(family, splits, out, seed, time_limit)
     scenes = [draw(family, seed, job.index) for job in jobs]
     manifest = _open(out, family, seed)
     known = {entry.file: entry.sha256 for entry in manifest.trajectories}
-    entries = {job.file: _made(job, known) for job in tqdm(jobs, desc="looking at what is there", leave=False, disable=None)}
+    entries = {job.file: _made(job, known) for job in progress(jobs, "looking at what is there")}
     manifest = _with(manifest, [entry for entry in entries.values() if entry])
     dataset.write_manifest(out, manifest)
     missing = [job for job in jobs if not entries[job.file]]
     failures = []
-    if missing:
-        _compile_forms(scenes)
-    for job, entry, reasons in _run(missing, min(workers, max(1, len(missing))), kept=len(jobs) - len(missing)):
+    if not missing:
+        done: Any = ()
+    elif cluster:
+        done = on_cluster(_make, missing, cluster, prepare=(compile_forms, scenes), folder=out, kept=len(jobs) - len(missing))
+    else:
+        compile_forms(scenes)
+        done = on_this_machine(_make, missing, min(workers, len(missing)), kept=len(jobs) - len(missing))
+    for job, (entry, reasons) in done:
         if entry is None:
             failures.append(f"{job.file} after {ATTEMPTS} attempts: {reasons[-1]}")
             continue
@@ -169,36 +182,14 @@ def _with(manifest: dataset.Manifest, entries: list[dataset.Entry]) -> dataset.M
     return dataclasses.replace(manifest, trajectories=tuple(ordered))
 
 
-def _run(jobs: list[Job], workers: int, *, kept: int) -> Iterator[tuple[Job, dataset.Entry | None, list[str]]]:
-    """Carry out the jobs; each with its manifest entry, if it has come to one, and the reasons why attempts failed."""
-    with (_one_thread(), tqdm(total=kept + len(jobs), initial=kept, unit=" trajectories", disable=None) as bar,
-          ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _die_with_parent) as pool):
-        futures = {pool.submit(_make, job): job for job in jobs}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], *future.result()
-                bar.update()
-        except BrokenProcessPool:
-            raise RuntimeError("a worker process was killed, perhaps for want of memory; fewer workers need less. What is "
-                               "finished is kept: run the same again to go on") from None
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _die_with_parent() -> None:
-    """Have the kernel end this worker when its parent is gone, killed included (Linux: PR_SET_PDEATHSIG = 1)."""
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
-    parent = multiprocessing.parent_process()
-    if parent is None or os.getppid() != parent.pid:  # it was gone before the kernel knew
-        os._exit(1)
-
-
 def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
     """Make one file, in a worker."""
     reasons: list[str] = []
     for attempt in range(ATTEMPTS):
+        release()
         try:
-            trajectory = trajectory_of(draw(job.family, job.seed, job.index, attempt), seed=job.seed, index=job.index)
+            scene = draw(job.family, job.seed, job.index, attempt)
+            trajectory = trajectory_of(scene, seed=job.seed, index=job.index, on_step=_clock(job.time_limit, scene.steps.count))
         except (InputError, RuntimeError) as error:
             reasons.append(str(error).splitlines()[0])
             continue
@@ -210,6 +201,17 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
         write_trajectory(job.out / job.file, trajectory)
         return dataset.entry_of(job.file, trajectory), reasons
     return None, reasons
+
+
+def _clock(limit: float, steps: int) -> Callable[[int], None]:
+    """What ends a solver after a time [s], at the next step that it reaches."""
+    end = time.monotonic() + limit
+
+    def on_step(step: int) -> None:
+        if time.monotonic() > end and step < steps:
+            raise OverTime(f"over its time limit of {limit:g} s at step {step} of {steps}")
+
+    return on_step
 
 
 def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
@@ -225,47 +227,10 @@ def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
     return entry if known.get(job.file, entry.sha256) == entry.sha256 else None
 
 
-def _compile_forms(scenes: list[Scene]) -> None:
+def compile_forms(scenes: list[Scene]) -> None:
     """Compile what the workers will need, before they start: at once they would race for the cache on disk."""
     for like in {(scene.body.cell, scene.material.law): scene for scene in scenes}.values():
         body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=like.body.cell)
         scene = Scene(body=body, material=like.material, steps=Steps(count=1))
         solve(scene)
         elastic_modes(scene, count=1)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Processes started inside use one thread each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
-
-
-@cache
-def _versions() -> tuple[tuple[str, str], ...]:
-    names = {"dolfinx": "fenics-dolfinx", "ufl": "fenics-ufl", "ffcx": "fenics-ffcx", "basix": "fenics-basix"}
-    names |= {name: name for name in ("petsc4py", "slepc4py", "mpi4py", "numpy", "scipy")}
-    found = {name: importlib.metadata.version(package) for name, package in names.items()}
-    return tuple({"python": platform.python_version(), **found, "h5py": h5py.__version__}.items())
-
-
-def versions() -> dict[str, str]:
-    """The versions of Python and of every library that a trajectory's numbers come from."""
-    return dict(_versions())
-
-
-@cache
-def commit() -> str:
-    """The git commit of this program, "-dirty" when changed since; empty when it does not run from a checkout."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return ""

@@ -10,9 +10,11 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
       NumberOfPoints, NumberOfCells, NumberOfConnectivityIds   (1,) int64: the mesh is stored once
       PointData
         displacement            (T N, 3) float32  [m], frame after frame, one chunk a frame
-        node_kind               (N,) uint8       NORMAL 0, OBSTACLE 1, HANDLE 3 (the numbers of the public mesh data sets)
+        node_kind               (N,) uint8       NORMAL 0, OBSTACLE 1, HANDLE 3 (the numbers of the public mesh data sets, which
+                                                 also have AIRFOIL 2, INFLOW 4, OUTFLOW 5, WALL 6)
         mode_1 ... mode_m       (N, 3) float32   elastic modes, zero on the obstacle; largest displacement 1
         segment                 (N,) int32       optional
+        NAME                    (T N, k) float32  optional: whatever else changes, such as the stress of an imported set; @fields
       FieldData                 one row for each frame
         reaction                (T, 3) float64   [N] force of the body on the obstacle (without one: on its supports)
         energy                  (T,) float64     [J] stored
@@ -45,6 +47,7 @@ from physics.schema import InputError
 
 SCHEMA = 1
 NORMAL, OBSTACLE, HANDLE = 0, 1, 3
+KINDS = (0, 1, 2, 3, 4, 5, 6)
 NODES_OF_TYPE = {5: 3, 9: 4, 10: 4, 12: 8, 13: 6}
 PER_FRAME = ("reaction", "energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual")
 
@@ -63,6 +66,7 @@ class Trajectory:
     frequencies_hz: tuple[float, ...] = ()
     segment: NDArray[np.int32] | None = None
     per_frame: dict[str, NDArray[Any]] = field(default_factory=dict)
+    fields: dict[str, NDArray[np.float32]] = field(default_factory=dict)  # (T, N, k) each
     scene: str = ""
     seed: int = 0
     index: int = 0
@@ -98,12 +102,19 @@ def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    # The file is made in memory: on a full disk HDF5 would fill pages with its complaints, and later on again.
+    with h5py.File(part, "w", driver="core", backing_store=False, libver=("earliest", "v110")) as file:
+        _write(file, trajectory)
+        file.flush()
+        image = file.id.get_file_image()
     try:
-        with h5py.File(part, "w", libver=("earliest", "v110")) as file:
-            _write(file, trajectory)
-        with open(part, "rb") as handle:
+        with open(part, "wb") as handle:
+            handle.write(image)
+            handle.flush()
             os.fsync(handle.fileno())
         os.replace(part, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         part.unlink(missing_ok=True)
 
@@ -131,9 +142,10 @@ def _write(file: h5py.File, trajectory: Trajectory) -> None:
 
     points = root.create_group("PointData")
     offsets = steps.create_group("PointDataOffsets")
-    points.create_dataset("displacement", data=trajectory.displacement.reshape(frames * nodes, 3), chunks=(nodes, 3),
-                          compression="gzip", compression_opts=4, shuffle=True, fletcher32=True)
-    offsets.create_dataset("displacement", data=nodes * np.arange(frames, dtype=np.int64))
+    for name, moving in {"displacement": trajectory.displacement, **trajectory.fields}.items():
+        points.create_dataset(name, data=moving.reshape(frames * nodes, -1), chunks=(nodes, moving.shape[2]),
+                              compression="gzip", compression_opts=4, shuffle=True, fletcher32=True)
+        offsets.create_dataset(name, data=nodes * np.arange(frames, dtype=np.int64))
     static: dict[str, NDArray[Any]] = {"node_kind": trajectory.node_kind}
     static |= {f"mode_{i + 1}": mode for i, mode in enumerate(trajectory.modes)}
     if trajectory.segment is not None:
@@ -152,6 +164,8 @@ def _write(file: h5py.File, trajectory: Trajectory) -> None:
     file.attrs.update(schema=SCHEMA, scene=trajectory.scene, seed=trajectory.seed, index=trajectory.index,
                       versions=json.dumps(trajectory.versions), commit=trajectory.commit, complete=trajectory.complete,
                       frequencies_hz=np.array(trajectory.frequencies_hz, np.float64), extra=json.dumps(trajectory.extra))
+    if trajectory.fields:
+        file.attrs["fields"] = json.dumps(list(trajectory.fields))
 
 
 def read_trajectory(path: str | Path) -> Trajectory:
@@ -183,6 +197,7 @@ def _read(file: h5py.File) -> Trajectory:
         frequencies_hz=tuple(attributes["frequencies_hz"].tolist()),
         segment=points["segment"][()] if "segment" in points else None,
         per_frame={name: array[()] for name, array in root["FieldData"].items()},
+        fields={name: points[name][()].reshape(frames, nodes, -1) for name in json.loads(attributes.get("fields", "[]"))},
         scene=str(attributes["scene"]), seed=int(attributes["seed"]), index=int(attributes["index"]),
         versions=json.loads(attributes["versions"]), commit=str(attributes["commit"]),
         complete=bool(attributes["complete"]), extra=json.loads(attributes["extra"]))
@@ -200,14 +215,14 @@ def problems(trajectory: Trajectory) -> list[str]:
         found.append("the offsets of the cells do not fit their types")
     if trajectory.connectivity.min() < 0 or trajectory.connectivity.max() >= nodes:
         found.append(f"a cell names a node outside of 0 .. {nodes - 1}")
-    if not np.isin(kinds, (NORMAL, OBSTACLE, HANDLE)).all() or (np.diff((kinds == OBSTACLE).astype(int)) < 0).any():
+    if not np.isin(kinds, KINDS).all() or (np.diff((kinds == OBSTACLE).astype(int)) < 0).any():
         found.append("the node kinds are not body first, obstacle last")
     arrays: dict[str, NDArray[Any]] = {"points": trajectory.points, "displacement": trajectory.displacement, "modes": trajectory.modes}
-    for name, array in (arrays | trajectory.per_frame).items():
+    for name, array in (arrays | trajectory.per_frame | trajectory.fields).items():
         if not np.isfinite(array).all():
             found.append(f"{name} is not finite everywhere")
     found += [f"{name} has {len(array)} rows for {len(trajectory.displacement)} frames"
               for name, array in trajectory.per_frame.items() if len(array) != len(trajectory.displacement)]
-    if trajectory.displacement[0].any():
+    if trajectory.scene and trajectory.displacement[0].any():
         found.append("the first frame is not the rest state")
     return found

@@ -6,6 +6,7 @@ cells; `Space` holds the way there and back. Every process works for itself (MPI
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import logging
 import platform
@@ -192,3 +193,9 @@ def fix(space: Space, fixed: NDArray[np.bool_]) -> list[Any]:
     if fixed[fixed.any(axis=1)].all():
         return [fem.dirichletbc(zero, dofs[::3] // 3)]
     return [fem.dirichletbc(PETSc.ScalarType(0), dofs[dofs % 3 == i], space.V.sub(i)) for i in range(3)]
+
+
+def release() -> None:
+    """Free the memory of PETSc objects that are out of use; petsc4py only puts them aside (10 MB a scene of 1900 unknowns)."""
+    gc.collect()
+    PETSc.garbage_cleanup()

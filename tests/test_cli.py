@@ -127,6 +127,25 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
     assert status == 1 and "0000.vtkhdf" in err
 
 
+def test_a_data_set_by_its_verbs(capsys, tmp_path):
+    family, data, packed = tmp_path / "family.toml", tmp_path / "data", tmp_path / "data.pack"
+    family.write_text(SCENE.replace("length = 0.06", "length = { uniform = [0.055, 0.06] }"))
+    planned = run_json(capsys, "generate", family, "--dry-run", "--count", "3")
+    assert planned["count"] == 3 and planned["nodes"]["mean"] > 63 and not data.exists()
+    made = run_json(capsys, "generate", family, "--out", data, "--count", "3", "--workers", "1", "--time-limit", "100")
+    assert made["trajectories"] == 3 and made["failed_attempts"] == 0
+    stats = run_json(capsys, "dataset", "stats", data, "--refined", "1")
+    assert stats["count"] == 3 and stats["nodes"] == planned["nodes"] and stats["refined"]["count"] == 1
+    assert run_json(capsys, "dataset", "card", data, "--refined", "0")["out"] == str(data / "README.md")
+    report = run_json(capsys, "dataset", "pack", data, "--tolerance", "1e-6", "--out", packed)
+    assert report["largest_error"] <= 1e-6 and report["ratio"] > 1
+    assert run_json(capsys, "dataset", "unpack", packed, "--out", tmp_path / "again")["trajectories"] == 3
+    assert run_json(capsys, "dataset", "check", tmp_path / "again", "--steps", "10") == {"problems": []}
+    assert run_json(capsys, "dataset", "export", data, "--out", tmp_path / "records")["trajectories"] == 3
+    assert run_json(capsys, "dataset", "import", tmp_path / "records", "--out", tmp_path / "back")["trajectories"] == 3
+    assert run_json(capsys, "dataset", "check", tmp_path / "back") == {"problems": []}
+
+
 def test_demo_with_little_training(capsys, tmp_path, monkeypatch):
     """The whole demo; half a minute of training already beats that nothing moves."""
     said = []
@@ -149,6 +168,16 @@ def test_demo_with_little_training(capsys, tmp_path, monkeypatch):
     (["modes", "{scene}", "--count", "0"], "not a whole number above 0"),
     (["modes", "none.toml"], "No such file"),
     (["generate", "demoo", "--out", "x"], "did you mean 'demo'?"),
+    (["generate", "beam"], "--out"),
+    (["generate", "beam", "--out", "x", "--time-limit", "-1"], "time limit -1 s"),
+    (["generate", "beam", "--out", "x", "--count", "3", "--all"], "not allowed with"),
+    (["dataset", "stats", "none"], "manifest.json"),
+    (["dataset", "card", "none"], "manifest.json"),
+    (["dataset", "pack", "none", "--out", "x.pack"], "manifest.json"),
+    (["dataset", "pack", "none", "--out", "x.zip"], "must end in .pack"),
+    (["dataset", "unpack", "none.pack", "--out", "x"], "no such file"),
+    (["dataset", "import", "none", "--out", "x"], "meta.json"),
+    (["dataset", "export", "none", "--out", "x"], "manifest.json"),
     (["rollout", "none", "none.vtkhdf", "--out", "p.vtkhdf"], "none"),
     (["train", "none.toml", "--data", "none", "--out", "run"], "none.toml"),
     (["evaluate", "none", "--data", "none"], "none"),

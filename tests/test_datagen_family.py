@@ -1,13 +1,16 @@
 """A family's draws depend on seed, index and key names alone and fill their ranges; wrong families are refused in a line."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from datagen.family import FOLDER, counts, draw, load_family
-from physics.scene import read_scene
+from physics.mesh import build_mesh
+from physics.obstacle import Rigid
+from physics.scene import PLACES, read_scene
 from physics.schema import InputError
 
 BASE = """
@@ -84,6 +87,70 @@ def placed(folder: Path, text: str):
     return scene, np.array(scene.obstacle.path)
 
 
+SHAPES = {
+    "sphere": {"radius": 0.01}, "cylinder": {"radius": 0.01}, "capsule": {"radius": 0.01, "length": 0.02},
+    "box": {"size": [0.02, 0.03, 0.04], "radius": 0.002}, "half-space": {}}
+
+
+@pytest.mark.parametrize("face", PLACES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_every_obstacle_starts_at_its_gap_before_every_face(tmp_path, shape, face):
+    """Measured on the mesh: the start is `gap` away from the face, and after that much of the way the two touch."""
+    turn = "turn = 20, " if shape in ("cylinder", "capsule") else ""
+    keys = "\n".join(f"{key} = {value}" for key, value in SHAPES[shape].items())
+    text = BASE.replace('shape = "cylinder"\nradius = 0.01', f'shape = "{shape}"\n{keys}')
+    text = re.sub("place = .*", f'place = {{ face = "{face}", {turn}along = 0.5, across = 0.5, gap = 0.002, depth = 0.003 }}', text)
+    scene, path = placed(tmp_path, text.replace("cells = [{ choice = [4, 8] }, 2, 2]", "cells = [8, 4, 4]"))
+    rigid, rest = Rigid(scene.obstacle), build_mesh(scene.body).points
+    assert rigid.gap(rest, path[0])[0].min() == pytest.approx(0.002, abs=1e-12)
+    assert rigid.gap(rest, path[0] + 0.4 * (path[1] - path[0]))[0].min() == pytest.approx(0, abs=1e-12)
+    normal = PLACES.index(face) // 2
+    assert abs(path[1] - path[0])[normal] == pytest.approx(0.005)
+    assert np.count_nonzero(abs(path[1] - path[0]) > 1e-12) == 1
+
+
+def test_a_push_can_be_tilted_and_measured_by_the_body(tmp_path):
+    place = 'place = { face = "y-min", along = 0.25, across = 0.75, depth = 0.5, depth_in = "width", direction = [45, -30] }'
+    scene, path = placed(tmp_path, re.sub("place = .*", place, BASE).replace('"cylinder"', '"sphere"'))
+    assert path[0] == pytest.approx([0.25 * scene.body.length, -0.01, 0.015])
+    assert path[1] - path[0] == pytest.approx([0.01, 0.01, -0.01 / np.sqrt(3)])  # half of 0.02 m along y, tan 45, tan -30
+
+
+def test_a_choice_may_hold_tables_with_ranges(tmp_path):
+    both = '[{ where = "x-min" }, { where = "x-max", displacement = [{ uniform = [0.001, 0.002] }, 0, 0] }]'
+    text = BASE.replace('[[support]]\nwhere = { choice = ["x-min", "x-max"] }\n', "").replace(
+        "[body]", f'support = {{ choice = [[{{ where = "x-min" }}], {both}] }}\n[body]', 1)
+    scenes = [draw(family(tmp_path, text), 0, i) for i in range(40)]
+    two = [scene for scene in scenes if len(scene.support) == 2]
+    assert 10 < len(two) < 30  # 40 fair coins: mean 20, three standard deviations are 9.5
+    moved = {scene.support[1].displacement[0] for scene in two}
+    assert len(moved) == len(two) and 0.001 <= min(moved) and max(moved) < 0.002
+
+
+def test_a_case_is_laid_over_the_rest_as_often_as_it_weighs(tmp_path):
+    cases = """
+[[case]]
+weight = 3
+obstacle.place.along = 0.25
+[[case]]
+body.length = 0.3
+obstacle.radius = { uniform = [0.02, 0.03] }
+"""
+    one = family(tmp_path, BASE + cases)
+    scenes = [draw(one, 0, i) for i in range(400)]
+    second = [scene for scene in scenes if scene.body.length == 0.3]
+    assert abs(len(second) - 100) < 35  # four standard deviations sqrt(400 * 3/16) = 8.7
+    assert all(0.02 <= scene.obstacle.radius < 0.03 and scene.obstacle.path[0][0] == pytest.approx(0.225) for scene in second)
+    first = next(scene for scene in scenes if scene.body.length != 0.3)
+    assert first.obstacle.radius == 0.01 and first.obstacle.path[0][0] == pytest.approx(0.25 * first.body.length)
+    # A key that no case names is drawn as if there were none.
+    assert first.material == draw(family(tmp_path), 0, scenes.index(first)).material
+    for wrong, message in ((cases.replace("weight = 3", "weight = 0"), "case[0].weight"), ("[case]\nweight = 3\n", "[[case]]")):
+        with pytest.raises(InputError) as error:
+            family(tmp_path, BASE + wrong)
+        assert message in str(error.value)
+
+
 def test_a_scene_without_ranges_is_a_family(tmp_path):
     plain = draw(family(tmp_path), 0, 0)
     again = family(tmp_path, plain.to_toml())
@@ -126,6 +193,9 @@ def test_counts(tmp_path):
     ("depth", "dept", "did you mean 'depth'"),
     ("radius = 0.01", "radius = 0.01\npath = [[0, 0, 1]]", "either path or place"),
     ("radius = 0.01", "radius = 0.01\naxis = [0, 0, 1]", "must be parallel"),
+    ("depth = 0.01", "depth = 0.01, direction = [80, 0]", "at most 75 degrees"),
+    ("depth = 0.01", 'depth = 0.01, depth_in = "lenght"', "did you mean 'length'"),
+    ("radius = 0.01\nplace = {", "radius = 0.01\naxis = [0, 1, 0]\nplace = { turn = 3,", "either axis or place.turn"),
     ("[material]", "[materials]", "did you mean 'material'"),
     ("[body]", "[splits]\ntrain = 1.5\n[body]", "splits.train must be an integer"),
 ])

@@ -1,74 +1,28 @@
-"""Generation: the same arrays from any number of workers, whole files kept, failures recorded; the check sees damage."""
+"""Generation: the same arrays from any number of workers, here or on a cluster; whole files kept, failures recorded."""
 
 import dataclasses
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
-from datagen import dataset, generate
+import fidelity
+from datagen import check, dataset, generate
 from datagen.family import draw, load_family
 from datagen.trajectory import HANDLE, OBSTACLE, PER_FRAME, problems, read_trajectory, write_trajectory
 from physics.obstacle import Rigid
 from physics.schema import InputError
+from tests.small_set import COUNTS, FILES, SMALL
 
 ROOT = Path(__file__).parents[1]
-SMALL = """
-name = "small"
-[body]
-length = { uniform = [0.08, 0.1] }
-width = 0.02
-height = 0.02
-cells = [6, 2, 2]
-[material]
-young_modulus = 1e6
-poisson_ratio = 0.4
-[[support]]
-where = "x-min"
-[obstacle]
-shape = "cylinder"
-radius = 0.01
-place = { along = 0.8, gap = 0.001, depth = 0.01 }
-[steps]
-count = 6
-[splits]
-train = 2
-valid = 1
-test = 1
-"""
-COUNTS = {"train": 2, "valid": 1, "test": 1}
-FILES = ["train/0000.vtkhdf", "train/0001.vtkhdf", "valid/0000.vtkhdf", "test/0000.vtkhdf"]
-
-
-@pytest.fixture(scope="module")
-def family(tmp_path_factory):
-    path = tmp_path_factory.mktemp("family") / "small.toml"
-    path.write_text(SMALL)
-    return load_family(path)
-
-
-@pytest.fixture(scope="module")
-def original(family, tmp_path_factory):
-    """A small data set made by two workers; tests copy it before they change it."""
-    folder = tmp_path_factory.mktemp("original")
-    report = generate.generate(family, COUNTS, folder, workers=2)
-    assert (report["trajectories"], report["new"], report["failed_attempts"]) == (4, 4, 0)
-    return folder
-
-
-@pytest.fixture
-def folder(original, tmp_path):
-    subprocess.run(["cp", "-r", original, tmp_path / "data"], check=True)
-    return tmp_path / "data"
-
-
 def sums(folder):
     return {entry.file: entry.sha256 for entry in dataset.read_manifest(folder).trajectories}
 
@@ -77,7 +31,7 @@ def test_a_trajectory_holds_its_scene(family):
     scene = draw(family, 0, 0)
     assert scene.obstacle is not None
     made = generate.trajectory_of(scene, seed=0, index=0)
-    assert problems(made) == [] and dataset.against_scene(made) == []
+    assert problems(made) == [] and check.against_scene(made) == []
     assert made.displacement.shape == (7, len(made.points), 3)
     held = made.points[made.node_kind == HANDLE]
     assert len(held) == 9 and not held[:, 0].any()  # the 3 x 3 nodes of x-min
@@ -108,7 +62,7 @@ def test_a_path_that_ends_early_is_kept_and_says_so(family):
 def test_one_worker_makes_the_same_arrays_as_two(family, original, tmp_path):
     generate.generate(family, COUNTS, tmp_path, workers=1)
     assert sums(tmp_path) == sums(original) and sorted(sums(tmp_path)) == sorted(FILES)
-    assert dataset.check(original) == []
+    assert check.check(original) == []
     assert [path.name for path in dataset.files(original, "train")] == ["0000.vtkhdf", "0001.vtkhdf"]
 
 
@@ -119,7 +73,7 @@ def test_what_is_there_is_kept_and_what_is_missing_is_made(family, original, fol
     before = {file: (folder / file).stat().st_mtime_ns for file in (FILES[0], FILES[3])}
     assert generate.generate(family, COUNTS, folder, workers=1)["new"] == 2
     assert before == {file: (folder / file).stat().st_mtime_ns for file in before}
-    assert sums(folder) == sums(original) and dataset.check(folder) == [] and not list(folder.rglob("*.part"))
+    assert sums(folder) == sums(original) and check.check(folder) == [] and not list(folder.rglob("*.part"))
 
 
 def test_a_data_set_can_grow(family, original, folder):
@@ -155,22 +109,132 @@ def test_a_family_that_cannot_be_solved_ends_with_the_reason(family, tmp_path):
         generate.generate(dataclasses.replace(family, table=table), {"test": 1}, tmp_path, workers=1)
 
 
-def test_a_killed_run_goes_on(family, original, tmp_path):
-    """Killed outright, with its workers in the middle of their work: they end too, and another call completes the set."""
+def test_a_run_killed_twice_goes_on(family, original, tmp_path):
+    """Killed outright, twice, with its workers in the middle of their work: they end too, and what was finished is kept."""
     (tmp_path / "small.toml").write_text(SMALL)
     (tmp_path / "go.py").write_text(f"""
-from datagen import generate, family
-if __name__ == '__main__':
-    generate.generate(family.load_family({str(tmp_path / "small.toml")!r}), {COUNTS}, {str(tmp_path / "data")!r}, workers=2)
+from datagen import generate, family  # a script without "if __name__ ...", as users write them
+generate.generate(family.load_family({str(tmp_path / "small.toml")!r}), {COUNTS}, {str(tmp_path / "data")!r}, workers=2)
 """)
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MARK": str(tmp_path)}
-    started = subprocess.Popen([sys.executable, tmp_path / "go.py"], env=environment)
-    assert soon(lambda: len(marked(tmp_path)) >= 3)  # itself and two workers
-    started.send_signal(signal.SIGKILL)
-    started.wait()
-    assert soon(lambda: not marked(tmp_path)), "workers outlive the process that started them"
-    generate.generate(family, COUNTS, tmp_path / "data", workers=1)
+    kept = {}
+    for finished in (0, 1):
+        started = subprocess.Popen([sys.executable, tmp_path / "go.py"], env=environment)
+        # The first time as soon as two workers are there, the second time as soon as they have finished a file.
+        assert soon(partial(under_way, tmp_path, finished))
+        started.send_signal(signal.SIGKILL)
+        started.wait()
+        assert soon(lambda: not marked(tmp_path)), "workers outlive the process that started them"
+        assert all(whole(tmp_path / "data")[file] == time for file, time in kept.items())
+        kept = whole(tmp_path / "data")
+    assert kept
+    generate.generate(family, COUNTS, tmp_path / "data", workers=2)
+    assert all(whole(tmp_path / "data")[file] == time for file, time in kept.items())
     assert sums(tmp_path / "data") == sums(original)
+
+
+def under_way(folder, finished):
+    return len(marked(folder)) >= 3 and len(whole(folder / "data")) >= finished
+
+
+def whole(folder):
+    """The finished files and when they were written."""
+    return {path.name: path.stat().st_mtime_ns for path in folder.rglob("[0-9]*.vtkhdf")}
+
+
+def test_a_cluster_makes_the_same_arrays(family, original, tmp_path):
+    """A real scheduler and two worker processes on this machine."""
+    pytest.importorskip("distributed")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "MARK": str(tmp_path),
+                   "DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
+               "--scheduler-file", tmp_path / "scheduler.json"]
+    quiet = {"env": environment, "cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    started = [subprocess.Popen(command, **quiet)]
+    try:
+        assert soon(lambda: (tmp_path / "scheduler.json").exists() and (tmp_path / "scheduler.json").stat().st_size > 0)
+        address = json.loads((tmp_path / "scheduler.json").read_text())["address"]
+        with pytest.raises(InputError, match="no workers"):
+            generate.generate(family, COUNTS, tmp_path / "data", cluster=address)
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard", "--no-nanny"]
+        started += [subprocess.Popen(command, **quiet) for _ in range(2)]
+        assert soon(lambda: cluster_size(address) == 2)
+        report = generate.generate(family, COUNTS, tmp_path / "data", cluster=address)
+        assert report["new"] == 4 and sums(tmp_path / "data") == sums(original)
+        with pytest.raises(RuntimeError, match="rigid motions"):  # what a worker meets arrives here
+            broken = dataclasses.replace(family, table={**family.table, "support": []})
+            generate.generate(broken, {"test": 1}, tmp_path / "broken", cluster=address)
+    finally:
+        for process in reversed(started):
+            process.kill()
+            process.wait()
+
+
+def cluster_size(address):
+    from distributed import Client
+
+    with Client(address, set_as_default=False) as client:
+        return len(client.nthreads())
+
+
+def test_a_cluster_that_is_not_there_is_refused(family, tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: distributed_client(*_, **{**__, "timeout": 0.5}))
+    distributed_client = distributed.client.Client
+    with pytest.raises(InputError, match="no Dask scheduler there"):
+        generate.generate(family, COUNTS, tmp_path / "data", cluster="tcp://127.0.0.1:1")
+
+
+def test_a_scene_over_its_time_is_recorded_and_replaced(family, tmp_path):
+    """The first draw is given no time at all, the second all it wants."""
+    limits = iter((1e-9, 100.0, 100.0))
+    clock = generate._clock
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(generate, "_clock", lambda _, steps: clock(next(limits), steps))
+        entry, reasons = generate._make(generate.Job(family, tmp_path, FILES[0], 0, 0, 1e-9))
+    assert reasons == ["over its time limit of 1e-09 s at step 1 of 6"] and entry.failed_attempts == tuple(reasons)
+    assert read_trajectory(tmp_path / FILES[0]).scene == draw(family, 0, 0, attempt=1).to_toml()
+    with pytest.raises(RuntimeError, match=r"1 of 1 .* after 5 attempts: over its time limit of 1e-09 s"):
+        generate.generate(family, {"test": 1}, tmp_path / "none", workers=1, time_limit=1e-9)
+    with pytest.raises(InputError, match="time limit"):
+        generate.generate(family, COUNTS, tmp_path / "none", time_limit=0.0)
+
+
+def test_a_full_disk_ends_in_one_line(tmp_path):
+    """On a real file system that is full after a file or two."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    small = tmp_path / "small"
+    small.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=96k", "tmpfs", small], capture_output=True).returncode:
+        pytest.skip("no right to mount a small file system")
+    command = [sys.executable, ROOT / "fidelity.py", "generate", tmp_path / "small.toml", "--out", small / "data", "--workers", "1"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True)
+        kept, parts = whole(small / "data"), list(small.rglob("*.part"))
+    finally:
+        subprocess.run(["umount", small], check=True)
+    assert done.returncode == 1 and 0 < len(kept) < 4 and not parts
+    said = [line for line in done.stderr.splitlines() if line.startswith("fidelity: ")]
+    assert len(said) == 1 and ".vtkhdf: No space left on device" in said[0] and "Traceback" not in done.stderr
+
+
+def test_a_file_too_large_names_itself(original, tmp_path):
+    """The same without the right to mount anything: the system refuses to let a file grow."""
+    trajectory, before = read_trajectory(original / FILES[0]), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        with pytest.raises(OSError, match="File too large") as error:
+            write_trajectory(tmp_path / "t.vtkhdf", trajectory)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert error.value.filename == str(tmp_path / "t.vtkhdf") and not list(tmp_path.iterdir())
+
+
+def test_an_unwritable_folder_ends_in_one_line(tmp_path, capsys):
+    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "file").touch()
+    assert fidelity.main(["generate", str(tmp_path / "small.toml"), "--out", str(tmp_path / "file" / "data")]) == 2
+    assert "Not a directory" in capsys.readouterr().err
 
 
 def marked(folder):
@@ -194,65 +258,12 @@ def soon(condition):
     return condition()
 
 
-def damage_displacement(path, change):
-    found = read_trajectory(path)
-    displacement = found.displacement.copy()
-    change(displacement, found)
-    write_trajectory(path, dataclasses.replace(found, displacement=displacement))
-
-
-def free_node_moves(u, found):
-    u[3, np.flatnonzero(found.free)[0], 0] += 1e-6
-
-
-def held_node_moves(u, found):
-    u[3, 0, 0] += 1e-6
-
-
-def obstacle_moves(u, found):
-    u[3, found.node_kind == OBSTACLE] += 1e-6
-
-
-def steps_swapped(u, found):
-    u[[4, 5]] = u[[5, 4]]
-
-
-def cell_inverts(u, found):
-    u[6, np.flatnonzero(found.free)[0]] += 0.05
-
-
-def body_stays(u, found):
-    u[:, found.free] = 0
-
-
-@pytest.mark.parametrize(("change", "message"), [
-    (free_node_moves, "checksum"), (held_node_moves, "held nodes leave"), (obstacle_moves, "leaves its path"),
-    (steps_swapped, "leaves its path"), (cell_inverts, "inverted"), (body_stays, "penetrates")])
-def test_the_check_names_the_file_and_what_is_wrong(folder, change, message):
-    damage_displacement(folder / FILES[1], change)
-    found = dataset.check(folder)
-    assert any(message in line for line in found) and all(FILES[1] in line for line in found), found
-
-
-def test_the_check_sees_bad_and_missing_and_unlisted_files(folder):
-    (folder / FILES[0]).write_bytes((folder / FILES[0]).read_bytes()[:-2000])
-    (folder / FILES[2]).unlink()
-    (folder / "train" / "0007.vtkhdf").write_bytes((folder / FILES[1]).read_bytes())
-    with h5py.File(folder / FILES[3], "r+") as file:
-        file["VTKHDF/FieldData/energy"][2] *= 1.001
-    found = dataset.check(folder)
-    for file, words in ((FILES[0], "not a whole"), (FILES[2], "no such file"), ("train/0007.vtkhdf", "not in the manifest"),
-                        (FILES[3], "checksum")):
-        assert sum(file in line and words in line for line in found) == 1, found
-    assert len(found) == 4
-
-
-def test_a_folder_without_a_manifest_is_refused(folder):
-    (folder / "manifest.json").write_text(json.dumps({"schema": 1}))
-    with pytest.raises(InputError, match="family: missing"):
-        dataset.check(folder)
-    (folder / "manifest.json").unlink()
-    with pytest.raises(InputError, match="No such file"):
-        dataset.check(folder)
-    with pytest.raises(InputError, match="no trajectory files"):
-        dataset.files(folder / "nowhere", "train")
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "indices"), [("beam", range(6)), ("beam-large", (0, 1))])
+def test_the_families_of_the_package_can_be_solved(tmp_path, name, indices):
+    """Real draws, whole, against their own equations at every tenth step."""
+    family = load_family(name)
+    for index in indices:
+        entry, _ = generate._make(generate.Job(family, tmp_path, dataset.file_name("train", index), 0, index))
+        assert entry is not None and entry.steps == 400
+        assert check.against_scene(read_trajectory(tmp_path / entry.file), steps=40) == []

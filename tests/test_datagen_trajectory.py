@@ -68,6 +68,23 @@ def test_vtk_reads_every_step_as_h5py_does(made, tmp_path):
                 assert np.array_equal(vtk_to_numpy(grid.GetFieldData().GetArray(name)).ravel(), np.ravel(rows[step])), name
 
 
+def test_pyvista_opens_every_step(made, tmp_path):
+    """PyVista's reader of VTKHDF has no time interface of its own (0.49); the VTK reader inside of it has."""
+    import pyvista
+
+    with_field = dataclasses.replace(made, fields={"velocity": 2 * made.displacement[:, :, :2]})
+    write_trajectory(tmp_path / "t.vtkhdf", with_field)
+    assert np.array_equal(read_trajectory(tmp_path / "t.vtkhdf").fields["velocity"], with_field.fields["velocity"])
+    reader = pyvista.get_reader(tmp_path / "t.vtkhdf")
+    reader.reader.UpdateInformation()
+    assert reader.reader.GetNumberOfSteps() == len(made.displacement)
+    for step in (0, 7, 10):
+        reader.reader.SetStep(step)
+        grid = reader.read()
+        assert np.array_equal(grid.point_data["displacement"], made.displacement[step])
+        assert np.array_equal(grid.point_data["velocity"], with_field.fields["velocity"][step])
+
+
 def test_one_chunk_is_one_frame(made, tmp_path):
     write_trajectory(tmp_path / "t.vtkhdf", made)
     with h5py.File(tmp_path / "t.vtkhdf") as file:

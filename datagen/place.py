@@ -1,0 +1,94 @@
+"""Where an obstacle starts and how it moves, relative to the body that it meets.
+
+Let n be the outward normal of a face and t1, t2 the directions of its sides, in the order x, y, z. The obstacle's surface
+first touches (were the body flat there and unmoved) at the point that lies the fractions `along` and `across` up the two
+sides. Its centre moves on a straight line: from `gap` before that touch to `depth` behind it, both measured along -n,
+
+    c(s) = touch + r n + s (-n + tan a1 t1 + tan a2 t2),   s from -gap to depth,
+
+with r the reach of the obstacle towards the face and the tilts (a1, a2) of the push. An axis lies in the face, turned by
+`turn` from t2 (on z-max: from y) towards t1. A half-space faces the body.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from physics.scene import PLACES, Body, Obstacle, read_scene
+from physics.schema import InputError, quantity, read_table
+
+EXTENTS = ("length", "width", "height")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """The table [obstacle.place] of a family; see the module's docstring."""
+
+    face: str = quantity("z-max", choice=PLACES)
+    along: float = quantity(0.5, at_least=0, at_most=1)  # of the face's first side
+    across: float = quantity(0.5, at_least=0, at_most=1)  # of its second side
+    gap: float = quantity(0.0, unit="m", at_least=0)  # between surface and face at step 0
+    depth: float = quantity(unit="m", above=0)  # of the last step, behind first touch
+    depth_in: str = quantity("m", choice=("m", *EXTENTS))  # a depth of 0.2 in "length" is a fifth of the body's length
+    direction: tuple[float, float] = quantity((0.0, 0.0), unit="degrees", at_least=-75, at_most=75)  # a1, a2
+    turn: float | None = quantity(None, unit="degrees", at_least=-90, at_most=90)  # of the axis in the face
+
+
+def placed(table: dict[str, Any]) -> dict[str, Any]:
+    """The obstacle's table of a drawn scene with `place` replaced by the path that it stands for.
+
+    Raises:
+        InputError: the place is wrong, or there is a path as well
+    """
+    obstacle = dict(table["obstacle"])
+    if "path" in obstacle:
+        raise InputError("obstacle: give either path or place")
+    place = read_table(Place, obstacle.pop("place"), "obstacle.place")
+    normal = PLACES.index(place.face) // 2
+    first, second = (k for k in range(3) if k != normal)
+    if place.turn is not None:
+        if "axis" in obstacle:
+            raise InputError("obstacle: give either axis or place.turn")
+        axis, angle = [0.0, 0.0, 0.0], math.radians(place.turn)
+        axis[first], axis[second] = math.sin(angle), math.cos(angle)
+        obstacle["axis"] = axis
+    if obstacle.get("shape") == "half-space" and "normal" not in obstacle:
+        obstacle["normal"] = [0.0, 0.0, 0.0]
+        obstacle["normal"][normal] = 1.0 if place.face.endswith("min") else -1.0
+    # Read and check all but the path, which needs the body's extent and the obstacle's size.
+    scene = read_scene({**table, "obstacle": {**obstacle, "path": [[0.0, 0.0, 0.0]]}})
+    assert scene.obstacle is not None
+    return {**obstacle, "path": _path(place, scene.body, scene.obstacle)}
+
+
+def _path(place: Place, body: Body, obstacle: Obstacle) -> list[list[float]]:
+    """Two way-points of the centre."""
+    normal, outward = divmod(PLACES.index(place.face), 2)
+    first, second = (k for k in range(3) if k != normal)
+    sign = 1 if outward else -1
+    touch = [0.0, 0.0, 0.0]
+    touch[first], touch[second] = place.along * body.extent[first], place.across * body.extent[second]
+    touch[normal] = (body.extent[normal] if outward else 0.0) + sign * reach(obstacle, normal, place.face)
+    unit = 1.0 if place.depth_in == "m" else body.extent[EXTENTS.index(place.depth_in)]
+    way = [0.0, 0.0, 0.0]
+    way[normal] = -sign
+    way[first], way[second] = (math.tan(math.radians(angle)) for angle in place.direction)
+    return [[c + s * w for c, w in zip(touch, way, strict=True)] for s in (-place.gap, unit * place.depth)]
+
+
+def reach(obstacle: Obstacle, normal: int, face: str) -> float:
+    """How far an obstacle's surface lies from its centre towards a face, along a coordinate axis [m]."""
+    axis = np.array(obstacle.axis) / np.linalg.norm(obstacle.axis)
+    radius = obstacle.radius or 0.0
+    if obstacle.shape == "cylinder" and abs(axis[normal]) > 1e-9:
+        raise InputError(f"obstacle.axis = {list(obstacle.axis)}: must be parallel to obstacle.place's face {face}")
+    if obstacle.shape == "box":
+        assert obstacle.size is not None
+        return obstacle.size[normal] / 2
+    if obstacle.shape == "half-space":
+        return 0.0
+    return radius + (obstacle.length or 0.0) / 2 * abs(float(axis[normal]))

@@ -1,0 +1,47 @@
+"""Where numbers come from: the versions of all that computed them, the commit of this program, and the machine."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import h5py
+
+
+@cache
+def _versions() -> tuple[tuple[str, str], ...]:
+    names = {"dolfinx": "fenics-dolfinx", "ufl": "fenics-ufl", "ffcx": "fenics-ffcx", "basix": "fenics-basix"}
+    names |= {name: name for name in ("petsc4py", "slepc4py", "mpi4py", "numpy", "scipy")}
+    found = {name: importlib.metadata.version(package) for name, package in names.items()}
+    return tuple({"python": platform.python_version(), **found, "h5py": h5py.__version__}.items())
+
+
+def versions() -> dict[str, str]:
+    """The versions of Python and of every library that a trajectory's numbers come from."""
+    return dict(_versions())
+
+
+@cache
+def commit() -> str:
+    """The git commit of this program, "-dirty" when changed since; empty when it does not run from a checkout."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+@cache
+def machine() -> str:
+    """The processor and the cores that this process may use, and the system, in one line."""
+    name = platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        name = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), name)
+    except OSError:
+        pass
+    return f"{name}, {len(os.sched_getaffinity(0))} cores, {platform.system()} {platform.release()}"

@@ -1,0 +1,109 @@
+"""What the command line does with a folder of trajectories: `fidelity dataset check | stats | card | pack | ...`, wiring only.
+
+Each function takes the options of its verb, `say` for lines to the reader, and `writable`, which checks the path of an output
+before any work; what it returns is printed as JSON when that is asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+Options = argparse.Namespace
+Say = Callable[[str], None]
+Writable = Callable[..., Any]
+
+
+def add_data_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int]) -> None:
+    """Declare the verbs to a parser: `verb(name, about, *positional)` adds one."""
+    add = verb("check", "Every file of a data set: layout, checksums, physics.", "folder").add_argument
+    add("--steps", type=positive, default=5, help="of each trajectory whose equilibrium is computed anew (5)")
+    add = verb("stats", "What a data set holds, in numbers.", "folder").add_argument
+    add("--refined", type=int, default=0, help="trajectories solved again with twice the cells each way (0)")
+    add("--seed", type=int, default=0, help="of the choice of these")
+    add = verb("card", "README.md of a data set: ranges, statistics, cost, licence.", "folder").add_argument
+    add("--refined", type=int, default=10, help="as for stats (10)")
+    add = verb("pack", "A data set in one small file, its displacements within a tolerance.", "folder").add_argument
+    add("--tolerance", type=float, default=1e-6, help="largest error of a displacement [m] (1e-6)")
+    add("--out", required=True, help="file, .pack")
+    verb("unpack", "The data set in a packed file.", "file").add_argument("--out", required=True, help="folder")
+    add = verb("import", "A data set in DeepMind's format (TFRecord and meta.json) as trajectory files.", "folder").add_argument
+    add("--out", required=True, help="folder")
+    add("--count", type=positive, help="at most so many of each split (all)")
+    add = verb("export", "A data set in DeepMind's format (TFRecord and meta.json).", "folder").add_argument
+    add("--out", required=True, help="folder")
+    add("--cells", choices=("tetrahedra", "own"), default="tetrahedra", help="tetrahedra, as DeepMind's readers expect, or our own")
+
+
+def check(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """Every file of a data set: layout, checksums, physics."""
+    from datagen.check import check as run
+
+    problems = run(options.folder, steps=options.steps)
+    for problem in problems:
+        say(problem)
+    if problems:
+        raise RuntimeError(f"{len(problems)} problem{'s' if len(problems) > 1 else ''} in {options.folder}: {problems[0]}")
+    say(f"{options.folder}: nothing wrong")
+    return {"problems": problems}
+
+
+def stats(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """What a data set holds, in numbers."""
+    from datagen.statistics import lines, statistics
+
+    result = statistics(options.folder, refined=options.refined, seed=options.seed)
+    for line in lines(result):
+        say(line)
+    return result
+
+
+def card(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """README.md of a data set: ranges, statistics, cost, licence."""
+    from datagen.card import write_card
+
+    path = write_card(options.folder, refined=options.refined)
+    say(f"card: {path}")
+    return {"out": str(path)}
+
+
+def pack(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """A data set in one small file, its displacements within a tolerance."""
+    from datagen.pack import pack as run
+
+    out = writable(options.out, ".pack")
+    result = run(options.folder, out, tolerance=options.tolerance)
+    say(f"{result['trajectories']} trajectories, {result['bytes'] / 1e6:.2f} MB, {result['ratio']:.0f} times smaller, "
+        f"largest error {result['largest_error']:.3g} m: {out}")
+    return result
+
+
+def unpack(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """The data set in a packed file."""
+    from datagen.pack import unpack as run
+
+    result = run(options.file, writable(options.out))
+    say(f"{result['trajectories']} trajectories: {options.out}")
+    return result
+
+
+def import_(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """A data set in DeepMind's format (TFRecord and meta.json) as trajectory files."""
+    from datagen.deepmind import import_records
+
+    result = import_records(options.folder, writable(options.out), count=options.count)
+    say(f"{result['trajectories']} trajectories: {options.out}")
+    return result
+
+
+def export(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """A data set in DeepMind's format (TFRecord and meta.json)."""
+    from datagen.deepmind import export_records
+
+    result = export_records(options.folder, writable(options.out), cells=options.cells)
+    say(f"{result['trajectories']} trajectories: {options.out}")
+    return result
+
+
+VERBS = {"check": check, "stats": stats, "card": card, "pack": pack, "unpack": unpack, "import": import_, "export": export}

@@ -1,0 +1,70 @@
+"""What a family will be like: exact diameters, and the published figures of DeformingBeam."""
+
+import numpy as np
+import pytest
+import scipy.sparse
+from scipy.sparse.csgraph import shortest_path
+
+import fidelity
+from datagen.family import counts, load_family
+from datagen.plan import figures, graph_diameter, planned
+from physics.mesh import build_mesh
+from physics.scene import Body
+from tests.scenes import pressed
+
+
+def brute_force(edges, nodes):
+    graph = scipy.sparse.csr_matrix((np.ones(len(edges)), edges.T), shape=(nodes, nodes))
+    return int(shortest_path(graph, directed=False, unweighted=True).max())
+
+
+@pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
+@pytest.mark.parametrize("cells", [(1, 1, 1), (7, 2, 3), (3, 6, 5), (20, 4, 4)])
+def test_the_diameter_is_that_of_all_pairs(cell, cells):
+    mesh = build_mesh(Body(length=1.0, width=1.0, height=1.0, cells=cells, cell=cell))
+    assert graph_diameter(mesh.edges, len(mesh.points)) == brute_force(mesh.edges, len(mesh.points))
+
+
+def test_the_diameter_of_any_graph():
+    """Random trees with some more edges: long and short ways, dead ends, cycles."""
+    random = np.random.default_rng(0)
+    for nodes in (2, 3, 10, 60, 200):
+        tree = np.stack([np.arange(1, nodes), [random.integers(max(0, i - 5), i) for i in range(1, nodes)]], axis=1)
+        more = random.integers(0, nodes, (nodes // 8, 2))
+        edges = np.unique(np.sort(np.concatenate([tree, more[more[:, 0] != more[:, 1]]]), axis=1), axis=0)
+        assert graph_diameter(edges, nodes) == brute_force(edges, nodes)
+    with pytest.raises(ValueError, match="not connected"):
+        graph_diameter(np.array([[0, 1], [2, 3]]), 4)
+
+
+def test_a_box_has_the_diameter_of_its_closed_form():
+    """Bricks form a grid: nx + ny + nz; prisms are a path times the graph of their section, so the diameters add."""
+    bricks = build_mesh(Body(length=1.0, width=1.0, height=1.0, cells=(9, 4, 3), cell="hexahedron"))
+    assert graph_diameter(bricks.edges, len(bricks.points)) == 16
+    section = figures(pressed(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [1, 4, 4]}))["graph_diameter"] - 1
+    for nx in (2, 12):
+        assert figures(pressed(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [nx, 4, 4]}))["graph_diameter"] == nx + section
+
+
+@pytest.mark.parametrize(("name", "count", "nodes", "mean", "std"), [
+    ("beam", 455, 1542, 41.3, 11.8), ("beam-large", 112, 4540, 82.1, 23.0)])
+def test_the_families_have_the_published_figures(name, count, nodes, mean, std):
+    family = load_family(name)
+    plan = planned(family, counts(family))
+    assert plan["count"] == count and plan["steps"]["mean"] == plan["steps"]["max"] == 400
+    assert plan["nodes"]["mean"] == pytest.approx(nodes, rel=0.02)
+    assert plan["graph_diameter"]["mean"] == pytest.approx(mean, rel=0.05)
+    assert plan["graph_diameter"]["std"] == pytest.approx(std, rel=0.05)
+    assert set(plan["obstacle"]) == {"sphere", "cylinder"} and set(plan["support"]) == {"x-min", "x-min and x-max"}
+    if name == "beam":
+        assert plan["split"] == {"train": 355, "valid": 40, "test": 60}
+        assert plan["xy_extent"]["mean"] == pytest.approx(0.005, rel=0.05)
+
+
+def test_dry_run_solves_nothing_and_writes_nothing(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert fidelity.main(["generate", "demo", "--dry-run", "--count", "5"]) == 0
+    said = capsys.readouterr().out
+    assert "graph_diameter" in said and "mean" in said and not list(tmp_path.iterdir())
+    assert fidelity.main(["generate", "demo", "--count", "5"]) == 2
+    assert "--out" in capsys.readouterr().err
