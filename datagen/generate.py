@@ -60,7 +60,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     mesh = solution.mesh
     modes = elastic_modes(scene, count=1, mesh=mesh)
     nodes, frames = len(mesh.points), len(solution.displacement)
-    kind = np.where(held(scene, mesh).any(axis=1), HANDLE, NORMAL)
+    kind = np.where(held(scene, mesh).all(axis=1), HANDLE, NORMAL)  # what is held in part moves by itself in the rest
     points, triangles, moved = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3))
     if scene.obstacle is not None:
         rigid, size = Rigid(scene.obstacle), cell_size(mesh)

@@ -10,8 +10,8 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
       NumberOfPoints, NumberOfCells, NumberOfConnectivityIds   (1,) int64: the mesh is stored once
       PointData
         displacement            (T N, 3) float32  [m], frame after frame, one chunk a frame
-        node_kind               (N,) uint8       NORMAL 0, OBSTACLE 1, HANDLE 3 (the numbers of the public mesh data sets, which
-                                                 also have AIRFOIL 2, INFLOW 4, OUTFLOW 5, WALL 6)
+        node_kind               (N,) uint8       NORMAL 0, OBSTACLE 1, HANDLE 3: held in all components (the numbers of the
+                                                 public mesh data sets, which also have AIRFOIL 2, INFLOW 4, OUTFLOW 5, WALL 6)
         mode_1 ... mode_m       (N, 3) float32   elastic modes, zero on the obstacle; largest displacement 1
         segment                 (N,) int32       optional
         NAME                    (T N, k) float32  optional: whatever else changes, such as the stress of an imported set; @fields
