@@ -11,6 +11,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from physics.scene import PLACES, PLANE_CELLS, Body
@@ -80,7 +82,7 @@ class Mesh:
 
     @property
     def surface(self) -> list[Integers]:
-        """What of the body can be seen: the outer facets of a solid one, (F, 3) triangles or (F, 4) quadrilaterals, else all cells."""
+        """What can be seen: the outer facets of a solid body, (F, 3) triangles and (F, 4) quadrilaterals; of a plane one all cells."""
         return self.boundary if self.dimension == 3 else [self.cells]
 
     @cached_property
@@ -89,7 +91,7 @@ class Mesh:
         return unique_edges(self.cells, self.cell)
 
     def place(self, where: str) -> Integers:
-        """The sorted nodes of a place, or of what several places with blanks between them have in common. Raises `InputError`."""
+        """The sorted nodes of a place, or what several places with blanks between them have in common. Raises `InputError`."""
         if where in self.places:
             return self.places[where]
         names = where.split()
@@ -152,6 +154,15 @@ def rows_in(rows: Integers, table: Integers) -> NDArray[np.bool_]:
     for column in both.T[1:]:
         _, key = np.unique(key * base + column, return_inverse=True)
     return np.isin(key[:len(rows)], key[len(rows):])
+
+
+def pieces(mesh: Mesh) -> list[Integers]:
+    """The nodes of each piece of a mesh that hangs together; one array of all of them in the usual case."""
+    n = len(mesh.points)
+    links = np.stack([np.repeat(mesh.cells[:, 0], mesh.cells.shape[1] - 1), mesh.cells[:, 1:].ravel()])
+    graph = scipy.sparse.coo_matrix((np.ones(links.shape[1], np.int8), links), shape=(n, n))
+    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    return [np.arange(n)] if count == 1 else [np.flatnonzero(label == i) for i in range(count)]
 
 
 def unique_edges(cells: Integers, cell: str) -> Integers:
@@ -226,11 +237,12 @@ def faces(points: Floats, extent: tuple[float, float, float]) -> dict[str, Integ
     """The nodes on the faces of a box of that extent from the origin; of a plane one on its sides."""
     tolerance = 1e-9 * max(extent)
     sides = [(axis, end) for axis, side in enumerate(extent) for end in (0.0, side) if side]
-    return {name: np.flatnonzero(abs(points[:, axis] - end) < tolerance) for name, (axis, end) in zip(PLACES, sides, strict=False)}
+    near = [np.flatnonzero(abs(points[:, axis] - end) < tolerance) for axis, end in sides]
+    return dict(zip(PLACES, near, strict=False))
 
 
 def _squares(m: int, n: int) -> tuple[Integers, Integers, Integers, Integers]:
-    """The corners of the squares of a grid of m x n, (m n,) each, going round; nodes are numbered along the second axis first."""
+    """The corners of the squares of a grid of m x n, (m n,) each, going round; nodes are numbered along the second axis."""
     node = np.arange((m + 1) * (n + 1)).reshape(m + 1, n + 1)
     return node[:-1, :-1].ravel(), node[1:, :-1].ravel(), node[1:, 1:].ravel(), node[:-1, 1:].ravel()
 

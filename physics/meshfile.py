@@ -145,7 +145,8 @@ def _upright(points: Floats, cells: Integers, cell: str, path: str | Path) -> In
                           x[:, half:].mean(axis=1) - x[:, :half].mean(axis=1)], axis=1)
     volume = np.linalg.det(sides[..., :2]) if sides.shape[1] == 2 else np.linalg.det(sides)
     scale = np.linalg.norm(sides, axis=2).prod(axis=1)
+    missing = "area" if sides.shape[1] == 2 else "volume"
     flat_cells = np.flatnonzero(abs(volume) <= 1e-12 * scale)
     if len(flat_cells):
-        raise InputError(f"{path}: cell {flat_cells[0]} of {len(cells)} has no {'area' if sides.shape[1] == 2 else 'volume'}")
+        raise InputError(f"{path}: cell {flat_cells[0]} of {len(cells)} has no {missing}")
     return np.where((volume < 0)[:, None], cells[:, MIRRORED[cell]], cells)

@@ -28,7 +28,8 @@ KEYS = {
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "cell"),
     "file": ("path",),
 }
-CHANNEL = {"length": 1.6, "height": 0.41, "hole_centre": [0.2, 0.2], "hole_radius": 0.05, "cell_size": 0.02, "cell": "triangle"}
+CHANNEL = {"length": 1.6, "height": 0.41, "hole_centre": [0.2, 0.2], "hole_radius": 0.05, "cell_size": 0.02,
+           "cell": "triangle"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +40,7 @@ class Body:
     plate: the same box, its thickness `height` along z; prisms have triangles normal to z. With cell = "triangle" or
         "quadrilateral" it is plane, of sides `length` and `width`, and takes no height.
     channel: a plane rectangle `length` x `height` from the origin with a round hole; what is left out is 1.6 x 0.41 m with
-        a hole of radius 0.05 m at (0.2, 0.2), the domain of the flow around a cylinder, in triangles of 0.02 m.
+        a hole of radius 0.05 m at (0.2, 0.2), the domain of flow around a cylinder, in triangles of 0.02 m.
     file: the mesh in `path`, relative to the scene file; its physical groups name the places.
 
     A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. `order` 2 has quadratic
@@ -64,7 +65,7 @@ class Body:
 
     @property
     def extent(self) -> Vector:
-        """Length, width and height [m]; a plane body has height 0. Raises `InputError` for a file, whose extent is its mesh's."""
+        """Length, width and height [m]; a plane body has height 0. Raises `InputError` for a file: its mesh has the extent."""
         if self.shape == "file":
             raise InputError("a body from a file has no length, width and height")
         sides = (self.length, self.height, 0.0) if self.shape == "channel" else (self.length, self.width, self.height or 0.0)
@@ -233,7 +234,7 @@ def _with_defaults(body: Any) -> Any:
 
 def _check_body(body: Body, given: dict[str, Any]) -> None:
     """Which keys a shape needs, takes and refuses."""
-    plane = body.shape == "channel" or body.shape == "plate" and body.cell in PLANE_CELLS
+    plane = body.shape == "channel" or (body.shape == "plate" and body.cell in PLANE_CELLS)
     takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
     takes += ["shape", "order"] + ["plane", "thickness"] * (plane or body.shape == "file")
     kind = f"a plane {body.shape}" if body.shape == "plate" and plane else f"a {body.shape}"

@@ -1,0 +1,289 @@
+"""The lowest pairs of K x = lambda M x, K symmetric and at least semi-definite, M positive definite, by SLEPc.
+
+Held degrees of freedom are taken out, so they never show up as pairs. Two ways, chosen by the number of unknowns n:
+
+direct      Krylov-Schur on (K - s M)^-1 M with a Cholesky-like (LDL^T) factor of MUMPS. The shift s is zero when nothing is
+            expected at zero, else a little below it, so that a body free to move has a factor too. A single Krylov sequence
+            can step over copies of a multiple eigenvalue; so the factor of K - t M, with t in the gap above the last pair,
+            is made too: by Sylvester's law of inertia its negative pivots count all eigenvalues below t, and missing ones
+            are looked for in the complement of the found ones.
+multigrid   LOBPCG, a block method, preconditioned with smoothed-aggregation multigrid (GAMG) that is told the near-null
+            space; for n where a factor would take too much memory. Held ones stay in as unknowns of their own whose eigenvalue
+            lies above all others, which keeps the blocks of one node together.
+
+Residuals are |K x - lambda M x| / |lambda M x| in the Euclidean norm of the free components; for pairs at zero lambda in the
+denominator is the lowest one found that is not zero, or -s when there is none. Rounding alone leaves about
+eps lambda_max / lambda, with lambda_max that of the mesh (`floor`), whatever the method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from slepc4py import SLEPc
+
+Floats = NDArray[np.float64]
+
+DIRECT = {2: 1_000_000, 3: 150_000}  # unknowns up to which a factor is made, by the dimension of the body
+TOLERANCE = 1e-10  # of SLEPc; the residuals as defined above are then below GOAL
+GOAL = 1e-8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """One eigenproblem; K and M may be spread over processes.
+
+    free: (n_local,) True on this process's degrees of freedom that are not held
+    zeros: how many eigenvalues are expected to be zero
+    scale: the order of magnitude of the lowest eigenvalue above zero
+    dimension: of the body, 2 or 3
+    near_null: (k, n_local) what K hardly resists, for multigrid
+    """
+
+    stiffness: PETSc.Mat
+    mass: PETSc.Mat
+    free: NDArray[np.bool_]
+    zeros: int
+    scale: float
+    dimension: int
+    near_null: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pairs:
+    """The lowest pairs in rising order.
+
+    values: (m,)
+    vectors: (m, n_local) M-orthonormal, zero on held degrees of freedom
+    residuals: (m,)
+    zeros: how many of all eigenvalues are zero
+    beyond: the next eigenvalue after the last one here; nan when it is not known
+    counted: whether the number of eigenvalues below was confirmed by the inertia of a factor
+    floor: what rounding leaves of the residual of the lowest pair above zero
+    solver: how they were found, and why so
+    """
+
+    values: Floats
+    vectors: Floats
+    residuals: Floats
+    zeros: int
+    beyond: float
+    counted: bool
+    floor: float
+    solver: str
+
+
+def lowest_pairs(problem: Problem, count: int, *, method: str | None = None) -> Pairs:
+    """The `count` lowest pairs; `method` "direct" or "multigrid" overrides the choice by size.
+
+    Raises:
+        RuntimeError: fewer pairs were found than asked for, or fewer zeros than must be there
+    """
+    unknowns, limit = _total(problem), DIRECT[problem.dimension]
+    method = method or ("direct" if unknowns <= limit else "multigrid")
+    why = f"{unknowns} unknowns in {problem.dimension}-D, {'at most' if unknowns <= limit else 'more than'} {limit}"
+    pairs = _direct(problem, count, unknowns) if method == "direct" else _multigrid(problem, count, unknowns)
+    if pairs.zeros < min(problem.zeros, count):
+        raise RuntimeError(f"{pairs.zeros} zero eigenvalues found where the supports leave {problem.zeros}: "
+                           f"the lowest are {', '.join(f'{value:.3g}' for value in pairs.values[:8])}")
+    return replace(pairs, solver=f"{pairs.solver} ({why})")
+
+
+def _direct(problem: Problem, count: int, unknowns: int) -> Pairs:
+    K, M = problem.stiffness, problem.mass
+    if not problem.free.all() or K.comm.size > 1:
+        first = K.getOwnershipRange()[0]
+        keep = PETSc.IS().createGeneral((first + np.flatnonzero(problem.free)).astype(np.int32), comm=K.comm)
+        K, M = K.createSubMatrix(keep, keep), M.createSubMatrix(keep, keep)
+    wanted = min(count + 1, unknowns)
+    noise = _largest(K, M) * np.finfo(float).eps
+    shift = -problem.scale / 10 if problem.zeros else 0.0
+    for attempt in range(3):
+        try:
+            solver, values, vectors = _shift_invert(K, M, wanted, shift, [])
+        except PETSc.Error:
+            if shift or attempt == 2:
+                raise RuntimeError(f"the stiffness of this mesh cannot be factored at a shift of {shift:.3g}") from None
+            shift = -problem.scale / 10  # K is singular: a mechanism that the count of rigid motions does not see
+            continue
+        is_zero, reference = _zeros(values, noise, shift or problem.scale)
+        if is_zero.any() and not shift:
+            shift = -problem.scale / 10
+        elif shift and -shift > 10 * reference:  # the scale was too high, and the shift with it
+            shift = -reference / 10
+        else:
+            break
+    values, vectors, beyond, counted = _completed(K, M, solver, values, vectors, count, shift)
+    is_zero, reference = _zeros(np.append(values, beyond), noise, shift or problem.scale)
+    is_zero = is_zero[:len(values)]
+    residuals = _residuals(K, M, values, vectors, is_zero, reference)
+    full = np.zeros((len(values), len(problem.free)))
+    full[:, problem.free] = [vector.array for vector in vectors]
+    words = "Krylov-Schur, shift and invert with a factor by MUMPS" + (f", shift {shift:.3g}" if shift else "")
+    return Pairs(values=values, vectors=full, residuals=residuals, zeros=int(is_zero.sum()), beyond=beyond, counted=counted,
+                 floor=noise / reference, solver=words)
+
+
+def _shift_invert(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float,
+                  found: list[PETSc.Vec]) -> tuple[SLEPc.EPS, Floats, list[PETSc.Vec]]:
+    """At least `count` pairs next to the shift, in rising order, M-orthogonal to those found before."""
+    solver = SLEPc.EPS().create(K.comm)
+    solver.setOperators(K, M)
+    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    size = K.getSize()[0]
+    solver.setDimensions(count, min(size, max(2 * count, count + 12)))
+    solver.setTarget(shift)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    solver.setTolerances(TOLERANCE, 1000)
+    if found:
+        solver.setDeflationSpace(found)
+    transform = solver.getST()
+    transform.setType(SLEPc.ST.Type.SINVERT)
+    transform.setShift(shift)
+    transform.setMatStructure(PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    ksp = transform.getKSP()
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
+    ksp.getPC().setFactorSolverType("mumps")
+    for control in (13, 24):  # what MUMPS needs to tell an inertia: no distributed root, null pivots detected
+        PETSc.Options()[f"{ksp.getOptionsPrefix() or ''}mat_mumps_icntl_{control}"] = 1
+    solver.solve()
+    if solver.getConverged() < count:
+        raise RuntimeError(f"SLEPc found {solver.getConverged()} of {count} pairs after {solver.getIterationNumber()} restarts")
+    return solver, *_taken(solver, K, min(solver.getConverged(), count + 8))
+
+
+def _taken(solver: SLEPc.EPS, K: PETSc.Mat, count: int) -> tuple[Floats, list[PETSc.Vec]]:
+    values, vectors = np.empty(count), []
+    for i in range(count):
+        vectors.append(K.createVecRight())
+        values[i] = solver.getEigenpair(i, vectors[-1]).real
+    order = np.argsort(values, kind="stable")
+    return values[order], [vectors[i] for i in order]
+
+
+def _completed(K: PETSc.Mat, M: PETSc.Mat, solver: SLEPc.EPS, values: Floats, vectors: list[PETSc.Vec], count: int,
+               shift: float) -> tuple[Floats, list[PETSc.Vec], float, bool]:
+    """The `count` lowest pairs of those found, after a count of all that lie below shows that none is missing."""
+    for _ in range(6):
+        gaps = np.diff(values[count - 1:]) / np.maximum(abs(values[count:]), abs(shift))
+        if not len(gaps):  # all pairs that there are
+            return values, vectors, float("nan"), True
+        last = count - 1 + int(np.argmax(gaps))
+        between = (values[last] + values[last + 1]) / 2
+        if gaps.max() < 1e-7:  # an eigenvalue goes on as far as was looked
+            below = len(values)
+        else:
+            below = _count_below(K, M, solver, between)
+        if below <= last + 1 and gaps.max() >= 1e-7:
+            return values[:count], vectors[:count], float(values[count]), below == last + 1
+        missing = max(1, below - last - 1)
+        _, more, others = _shift_invert(K, M, missing, shift, vectors)
+        every, both = np.concatenate([values, more]), vectors + others
+        order = np.argsort(every, kind="stable")
+        values, vectors = every[order], [both[i] for i in order]
+    return values[:count], vectors[:count], float(values[count]), False
+
+
+def _count_below(K: PETSc.Mat, M: PETSc.Mat, solver: SLEPc.EPS, bound: float) -> int:
+    """How many eigenvalues lie below a bound: the negative pivots of K - bound M, with the symbolic factor reused."""
+    shifted = K.copy()
+    shifted.axpy(-bound, M, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    pc = solver.getST().getKSP().getPC()
+    pc.setOperators(shifted)
+    pc.setUp()
+    return int(pc.getFactorMatrix().getInertia()[0])
+
+
+def _multigrid(problem: Problem, count: int, unknowns: int) -> Pairs:
+    K, M = problem.stiffness.copy(), problem.mass.copy()
+    noise = _largest(K, M) * np.finfo(float).eps
+    held = (K.getOwnershipRange()[0] + np.flatnonzero(~problem.free)).astype(np.int32)
+    high, low = K.getDiagonal().max()[1], M.getDiagonal().min()[1]
+    K.zeroRowsColumns(held, high)
+    M.zeroRowsColumns(held, low)
+    shift = -problem.scale if problem.zeros else 0.0
+    A = K.copy()
+    if shift:
+        A.axpy(-shift, M, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    basis = []
+    for vector in problem.near_null:
+        basis.append(K.createVecRight())
+        basis[-1].array[:] = np.where(problem.free, vector, 0.0)
+    for i, vector in enumerate(basis):
+        for other in basis[:i]:
+            vector.axpy(-vector.dot(other), other)
+        vector.normalize()
+    A.setNearNullSpace(PETSc.NullSpace().create(vectors=basis, comm=K.comm))
+    A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+
+    solver = SLEPc.EPS().create(K.comm)
+    solver.setOperators(A, M)
+    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    solver.setType(SLEPc.EPS.Type.LOBPCG)
+    wanted = min(count + 1, unknowns)
+    block = wanted + max(2, wanted // 4)
+    solver.setDimensions(wanted, 3 * block)
+    solver.setLOBPCGBlockSize(block)
+    solver.setLOBPCGLocking(False)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.SMALLEST_REAL)
+    solver.setConvergenceTest(SLEPc.EPS.Conv.REL)
+    solver.setTolerances(GOAL / 10, 2000)
+    transform = solver.getST()
+    transform.setType(SLEPc.ST.Type.PRECOND)
+    ksp = transform.getKSP()
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.getPC().setType(PETSc.PC.Type.GAMG)
+    solver.solve()
+    if solver.getConverged() < wanted:
+        raise RuntimeError(f"SLEPc found {solver.getConverged()} of {wanted} pairs in {solver.getIterationNumber()} iterations")
+    values, vectors = _taken(solver, A, wanted)
+    values = values + shift
+    is_zero, reference = _zeros(values, noise, shift or problem.scale)
+    residuals = _residuals(K, M, values, vectors, is_zero, reference)
+    full = np.array([np.where(problem.free, vector.array, 0.0) for vector in vectors])[:count]
+    return Pairs(values=values[:count], vectors=full, residuals=residuals[:count], zeros=int(is_zero[:count].sum()),
+                 beyond=float(values[count]) if wanted > count else float("nan"), counted=False, floor=noise / reference,
+                 solver=f"LOBPCG with algebraic multigrid, {solver.getIterationNumber()} iterations of {block} vectors")
+
+
+def _zeros(values: Floats, noise: float, scale: float) -> tuple[NDArray[np.bool_], float]:
+    """(m,) which of the eigenvalues are zero but for rounding, and the lowest other one (without any: the scale)."""
+    is_zero = ~(abs(values) > max(1e3 * noise, 1e-8 * abs(scale)))
+    others = values[~is_zero]
+    return is_zero, float(others.min()) if len(others) else abs(scale)
+
+
+def _residuals(K: PETSc.Mat, M: PETSc.Mat, values: Floats, vectors: list[PETSc.Vec], is_zero: NDArray[np.bool_],
+               reference: float) -> Floats:
+    """(m,) as the module's docstring defines them."""
+    force, inertia = K.createVecRight(), K.createVecRight()
+    residuals = np.empty(len(values))
+    for i, vector in enumerate(vectors):
+        K.mult(vector, force)
+        M.mult(vector, inertia)
+        force.axpy(-values[i], inertia)
+        residuals[i] = force.norm() / ((reference if is_zero[i] else abs(values[i])) * inertia.norm())
+    return residuals
+
+
+def _largest(K: PETSc.Mat, M: PETSc.Mat) -> float:
+    """The order of magnitude of the largest eigenvalue: that of the largest ratio of diagonal entries."""
+    ratio = K.getDiagonal()
+    ratio.pointwiseDivide(ratio, M.getDiagonal())
+    return float(ratio.max()[1])
+
+
+def _total(problem: Problem) -> int:
+    vector = problem.stiffness.createVecRight()
+    vector.array[:] = problem.free
+    return round(vector.sum())
+
+
+def clusters(values: Floats, zeros: int = 0, *, gap: float = 0.02) -> tuple[range, ...]:
+    """The runs of eigenvalues (m,) that lie nearer together than a relative gap; the first `zeros` ones are one run."""
+    starts = [i for i in range(len(values)) if i == 0 or i == zeros or (i > zeros and values[i] - values[i - 1] > gap * values[i])]
+    return tuple(range(*ends) for ends in zip(starts, [*starts[1:], len(values)], strict=True))
