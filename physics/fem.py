@@ -11,6 +11,8 @@ from __future__ import annotations
 import hashlib
 import logging
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +56,16 @@ def _cache() -> Path:
 def compile_form(form: Any) -> Any:
     """A UFL form compiled for this processor, or taken from the cache of compiled forms."""
     options = {"cffi_extra_compile_args": COMPILE, "cache_dir": _cache()}
-    logging.disable(logging.INFO)  # the compiler's command lines
-    try:
+    with _quiet():
         return fem.form(form, jit_params=options) if OLD else fem.form(form, jit_options=options)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without the compiler's command lines."""
+    logging.disable(logging.INFO)
+    try:
+        yield
     finally:
         logging.disable(logging.NOTSET)
 
@@ -90,17 +99,20 @@ class Space:
             cell = ufl.Cell(mesh.cell, geometric_dimension=dimension)
             dolfinx_mesh._uflcell_to_dolfinxcell["prism"] = dolfinx_mesh.CellType.prism
             element = ufl.VectorElement("Lagrange", cell, 1)
-            self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
+            with _quiet():
+                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
             make = fem.FunctionSpace if D == 1 else fem.VectorFunctionSpace
-            self.V = make(self.domain, ("Lagrange", order))
+            with _quiet():
+                self.V = make(self.domain, ("Lagrange", order))
             geometry = self.domain.geometry.dofmap.array.reshape(-1, cells.shape[1])
             blocks = self.V.dofmap.list.array.reshape(len(geometry), -1)
         else:
             import basix.ufl
 
             element = basix.ufl.element("Lagrange", mesh.cell, 1, shape=(dimension,))
-            self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
-            self.V = fem.functionspace(self.domain, ("Lagrange", order) if D == 1 else ("Lagrange", order, (D,)))
+            with _quiet():
+                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
+                self.V = fem.functionspace(self.domain, ("Lagrange", order) if D == 1 else ("Lagrange", order, (D,)))
             geometry, blocks = self.domain.geometry.dofmap, self.V.dofmap.list
         index_map = self.V.dofmap.index_map
         self.owned = index_map.size_local
