@@ -66,8 +66,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     points, triangles, moved = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3))
     if scene.obstacle is not None:
         rigid, size = Rigid(scene.obstacle), cell_size(mesh)
-        along = (mesh.points - rigid.path[0]) @ rigid.axis
-        around, triangles = rigid.surface_mesh(size=size, extent=(along.min() - size, along.max() + size))
+        around, triangles = rigid.surface_mesh(mesh.points, size=size)
         way = np.array([rigid.position(step / scene.steps.count) - rigid.path[0] for step in range(frames)])
         moved = np.repeat(way[:, None], len(around), axis=1)
         points = np.concatenate([mesh.points, around])

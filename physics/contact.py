@@ -135,11 +135,41 @@ class Contact:
         """Nodal forces (N, 3) [N] of point forces (Q,) along normals (Q, 3)."""
         return self.surface.weights.T @ (pressure[:, None] * normal)
 
-    def touched_nodes(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The sorted nodes behind some points."""
-        return np.unique(self.surface.weights[points].indices).astype(np.int64)
+    def zone(self, u: Floats, centre: Floats, reach: float) -> Zone:
+        """The points whose gap is below a reach [m]."""
+        return Zone(self, u, centre, reach)
+
+
+class Zone:
+    """The part of a surface near an obstacle: for as long as `covers` says so, all that contact has to look at.
+
+    points: (q,) of the surface; nodes: (m,) behind them; weights: (q, m) dense; softness: (q,) [m/N]
+    """
+
+    def __init__(self, contact: Contact, u: Floats, centre: Floats, reach: float) -> None:
+        self._contact, self._u, self._centre, self._reach = contact, u, centre, reach
+        self.points = np.flatnonzero(contact.gaps(u, centre)[0] < reach)
+        rows = contact.surface.weights[self.points]
+        self.nodes = np.unique(rows.indices).astype(np.int64)
+        self.weights = rows[:, self.nodes].toarray()
+        self.softness = contact.softness[self.points]
+        self._rest = contact.rest[self.nodes]
+
+    def covers(self, u: Floats, centre: Floats, near: float) -> bool:
+        """True when no point outside of the zone can have a gap below `near` [m]."""
+        change = u - self._u
+        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self._centre)
+        return bool(moved <= self._reach - near)
+
+    def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
+        """Gaps (q,) [m] and normals (q, 3) at displacements (N, 3)."""
+        return self._contact.obstacle.gap(self.weights @ (self._rest + u[self.nodes]), centre)
+
+    def forces(self, pressure: Floats, normal: Floats) -> Floats:
+        """(m, 3) forces [N] on the zone's nodes of point forces (q,) along normals (q, 3)."""
+        return self.weights.T @ (pressure[:, None] * normal)
 
     def gradient(self, points: NDArray[np.int64], nodes: NDArray[np.int64], normal: Floats) -> Floats:
-        """G (q, 3 n): derivative of the gaps of q points by the components of n nodes that contain all of theirs."""
-        weights = self.surface.weights[points][:, nodes].toarray()  # (q, n)
+        """G (k, 3 n): derivative of the gaps of k of its points by the components of n of its nodes that hold all of theirs."""
+        weights = self.weights[points[:, None], nodes]  # (k, n)
         return (weights[:, :, None] * normal[points][:, None, :]).reshape(len(points), -1)

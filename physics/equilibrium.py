@@ -21,10 +21,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
-from physics.contact import Contact, ContactSurface, solve_complementarity
-from physics.elasticity import Elasticity, Factor
+from physics.contact import Contact, ContactSurface, Zone, solve_complementarity
+from physics.elasticity import Elasticity
+from physics.factor import NotPositiveDefinite, factor_for
 from physics.mesh import Mesh, build_mesh
 from physics.obstacle import Rigid
 from physics.quality import smallest_det_f
@@ -38,9 +38,10 @@ TOLERANCE = 1e-6  # residual force over reaction
 GAP_TOLERANCE = 1e-6  # error of a gap over the size of a cell
 CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
 NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
+REACH = 2.0  # and up to this many cell sizes away they are looked at
 ITERATIONS = 12  # Newton steps before a state is given up
 HALVINGS = 6
-REFACTOR_COST = 12  # a new factor costs about as much as this many Newton steps with the old one
+REFACTOR_COST = 8  # a new factor costs about as much as this many Newton steps with the old one
 
 
 class NoEquilibrium(RuntimeError):
@@ -75,8 +76,19 @@ class State:
     pressure: Floats
     reaction: Floats = field(default_factory=lambda: np.zeros(3))
     iterations: int = 0
-    residual: float = 0.0
-    penetration: float = 0.0
+    residual: float = 0.0  # free components, over the reaction
+    gap_error: float = 0.0  # [m] how far contact is from its conditions
+    penetration: float = 0.0  # [m]
+
+
+@dataclass
+class Touch:
+    """Contact at one state: gaps (q,) [m], normals (q, 3) and forces (q,) [N] at the points of a zone."""
+
+    zone: Zone
+    gap: Floats
+    normal: Floats
+    pressure: Floats
 
 
 class Path:
@@ -92,7 +104,7 @@ class Path:
         for load in scene.load:
             if load.acceleration is not None:
                 self.load += self.elasticity.weight(np.array(load.acceleration))
-        self.factor = Factor(self.elasticity)
+        self.factor = factor_for(self.elasticity)
         self.size = cell_size(mesh)
         self.contact: Contact | None = None
         count = 0
@@ -105,9 +117,10 @@ class Path:
         # Below this force rounding in f(u) takes over: eps E h L with the largest extent L.
         self.floor = 1e3 * np.finfo(float).eps * scene.material.young_modulus * self.size * np.ptp(mesh.points)
         self.order, self.excess, self.halvings = 0, 0, 0
-        # Responses K^-1 e of the kept factor to unit forces on the nodes that contact has needed so far.
-        self._columns = np.empty((0, mesh.points.size))  # (3 n, 3 N)
-        self._place = np.full(len(mesh.points), -1)  # (N,) which of them
+        self.fresh = 2  # Newton steps that a new factor needed
+        self.factorisations = 0
+        self._zone: Zone | None = None
+        self._compliance: tuple[NDArray[np.int64], Floats] | None = None
         self._stale = True
         check_scene(scene, mesh, self)
 
@@ -154,86 +167,115 @@ class Path:
         if not self._stale:
             try:
                 state = self._newton(fraction, start)
-                self.excess += max(0, state.iterations - 2)
+                self.excess += max(0, state.iterations - self.fresh)
                 self._stale = self.excess > REFACTOR_COST
                 return state
             except NoEquilibrium:
                 pass
-        last = self.states[-1]
-        self._refactor(start if last.u.any() else last.u)
-        return self._newton(fraction, start)
+        self._refactor(start if self.states[-1].u.any() else self.states[-1].u)
+        state = self._newton(fraction, start)
+        self.fresh = state.iterations
+        return state
 
     def _refactor(self, u: Floats) -> None:
         try:
             self.factor.update(u)
-        except PETSc.Error:
-            raise NoEquilibrium("the stiffness cannot be factored") from None
-        self._columns = self._columns[:0]
-        self._place[:] = -1
+        except NotPositiveDefinite as error:
+            raise NoEquilibrium(str(error)) from None
+        self.factorisations += 1
+        self._compliance = None
         self._stale, self.excess = False, 0
 
     def _newton(self, fraction: float, start: Floats) -> State:
         """Newton's method with the kept factor. Raises `NoEquilibrium` when it does not converge."""
         u, outer = start, fraction * self.load
-        pressure = self.states[-1].pressure
+        touch = self._touch(fraction, u)
         force = self.elasticity.force(u) - outer
         previous = np.inf
         for iteration in range(1, ITERATIONS + 1):
-            step, pressure = self._step(fraction, u, force, pressure)
-            u = u + step
+            u = u + self._step(force, touch)
             force = self.elasticity.force(u) - outer
-            residual, reaction, gap_error, penetration = self._residual(fraction, u, force, pressure)
-            if residual <= TOLERANCE and gap_error <= GAP_TOLERANCE * self.size:
-                return State(fraction, u, pressure, reaction, iteration, residual, penetration)
-            error = max(residual / TOLERANCE, gap_error / (GAP_TOLERANCE * self.size))
+            if touch is not None:
+                touch = self._touch(fraction, u, touch)
+            state = self._judge(fraction, u, force, touch, iteration)
+            error = max(state.residual / TOLERANCE, state.gap_error / (GAP_TOLERANCE * self.size))
+            if error <= 1:
+                return state
             if not np.isfinite(error) or error > 10 * previous:
                 break
             previous = min(error, previous)
-        raise NoEquilibrium(f"|R| = {residual:.1e} of the reaction")
+        raise NoEquilibrium(f"|R| = {state.residual:.1e} of the reaction, a gap is {state.gap_error:.1e} m off")
 
-    def _step(self, fraction: float, u: Floats, force: Floats, pressure: Floats) -> tuple[Floats, Floats]:
-        """One Newton step (N, 3) and the contact forces (Q,) after it."""
+    def _touch(self, fraction: float, u: Floats, before: Touch | None = None) -> Touch | None:
+        """Gaps at displacements (N, 3), with the contact forces of before, or of the last state; None without an obstacle."""
         if self.contact is None:
-            return self.factor.solve(-force), pressure
-        gap, normal = self.contact.gaps(u, self.contact.obstacle.position(fraction))
-        near = np.flatnonzero((gap < NEAR * self.size) | (pressure > 0))
+            return None
+        centre = self.contact.obstacle.position(fraction)
+        zone = before.zone if before is not None else self._zone
+        pressure = before.pressure if before is not None else self.states[-1].pressure
+        if zone is None or not zone.covers(u, centre, NEAR * self.size):
+            if before is not None:  # forces go from zone to zone by way of the whole surface
+                pressure = np.zeros_like(self.states[-1].pressure)
+                pressure[zone.points] = before.pressure
+            zone = self._zone = self.contact.zone(u, centre, REACH * self.size)
+            pressure = pressure[zone.points]
+        elif before is None:
+            pressure = pressure[zone.points]
+        gap, normal = zone.gaps(u, centre)
+        return Touch(zone, gap, normal, pressure)
+
+    def _step(self, force: Floats, touch: Touch | None) -> Floats:
+        """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
+        step = self.factor.solve(-force)  # were there no contact
+        if touch is None:
+            return step
+        near = np.flatnonzero((touch.gap < NEAR * self.size) | (touch.pressure > 0))
+        touched, touch.pressure = touch.pressure[near] > 0, np.zeros_like(touch.gap)
         if not len(near):
-            return self.factor.solve(-force), np.zeros_like(pressure)
-        nodes = self.contact.touched_nodes(near)
-        rows = self._known(nodes)
-        gradient = self.contact.gradient(near, nodes, normal)  # (q, 3 n)
-        alone = -(self._columns @ force.ravel())[rows]  # (3 n,) motion of these nodes were there no contact
-        local = self._columns[rows][:, (3 * nodes[:, None] + np.arange(3)).ravel()]  # (3 n, 3 n)
-        matrix = gradient @ local @ gradient.T
-        matrix[np.diag_indices(len(near))] += self.contact.softness[near]
-        p = solve_complementarity(matrix, gap[near] + gradient @ alone, pressure[near] > 0)
-        pressure = np.zeros_like(pressure)
-        pressure[near] = p
-        return self.factor.solve(self.contact.forces(pressure, normal) - force), pressure
+            return step
+        zone = touch.zone
+        nodes = np.flatnonzero(zone.weights[near].any(axis=0))
+        gradient = zone.gradient(near, nodes, touch.normal)  # (k, 3 n)
+        matrix = gradient @ self._compliance_of(zone.nodes[nodes]) @ gradient.T
+        matrix[np.diag_indices(len(near))] += zone.softness[near]
+        gap = touch.gap[near] + gradient @ step[zone.nodes[nodes]].ravel()
+        try:
+            touch.pressure[near] = solve_complementarity(matrix, gap, touched)
+        except np.linalg.LinAlgError:
+            raise NoEquilibrium("the body gives way to contact without resistance") from None
+        if not touch.pressure.any():
+            return step
+        push = np.zeros_like(force)
+        push[zone.nodes] = zone.forces(touch.pressure, touch.normal)
+        return step + self.factor.solve(push)
 
-    def _known(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(3 n,) where the responses to unit forces on some nodes stand in `_columns`; new ones are computed once a factor."""
-        missing = nodes[self._place[nodes] < 0]
-        if len(missing):
-            self._place[missing] = len(self._columns) // 3 + np.arange(len(missing))
-            self._columns = np.concatenate([self._columns, self.factor.compliance(missing).reshape(3 * len(missing), -1)])
-        return (3 * self._place[nodes][:, None] + np.arange(3)).ravel()
+    def _compliance_of(self, nodes: NDArray[np.int64]) -> Floats:
+        """(3 n, 3 n) of the kept factor, from what is known of it, or computed for these nodes and those known before."""
+        if self._compliance is None or not np.isin(nodes, self._compliance[0], assume_unique=True).all():
+            known = nodes if self._compliance is None else np.union1d(nodes, self._compliance[0])
+            self._compliance = known, self.factor.compliance(known)
+        known, compliance = self._compliance
+        rows = (3 * np.searchsorted(known, nodes)[:, None] + np.arange(3)).ravel()
+        return compliance[np.ix_(rows, rows)]
 
-    def _residual(self, fraction: float, u: Floats, force: Floats, pressure: Floats) -> tuple[float, Floats, float, float]:
-        """Residual force over reaction, reaction (3,), largest error of a gap and largest penetration [m]."""
-        gap_error = penetration = 0.0
-        if self.contact is not None:
-            gap, normal = self.contact.gaps(u, self.contact.obstacle.position(fraction))
-            force = force - self.contact.forces(pressure, normal)
-            touched = gap + self.contact.softness * pressure
-            gap_error = float(np.where(pressure > 0, abs(touched), -np.minimum(gap, 0)).max())
-            penetration = max(0.0, -float(gap.min()))
-            reaction = -(pressure @ normal)
+    def _judge(self, fraction: float, u: Floats, force: Floats, touch: Touch | None, iteration: int) -> State:
+        """How far displacements (N, 3) with out-of-balance forces (N, 3) and contact are from equilibrium."""
+        pressure, reaction = self.states[0].pressure, np.zeros(3)
+        gap_error = penetration = scale = 0.0
+        if touch is not None:
+            force = force.copy()
+            force[touch.zone.nodes] -= touch.zone.forces(touch.pressure, touch.normal)
+            error = np.where(touch.pressure > 0, abs(touch.gap + touch.zone.softness * touch.pressure), -np.minimum(touch.gap, 0))
+            gap_error, penetration = float(error.max(initial=0)), max(0.0, -float(touch.gap.min(initial=0)))
+            reaction = -(touch.pressure @ touch.normal)
+            scale = float(np.linalg.norm(reaction))
+            pressure = np.zeros_like(pressure)
+            pressure[touch.zone.points] = touch.pressure
         else:
             reaction = -force[self._bearing].sum(axis=0)
-        scale = np.linalg.norm(reaction) if pressure.any() else np.linalg.norm(force[self.fixed])
-        residual = float(np.linalg.norm(force[~self.fixed]) / max(float(scale), self.floor / TOLERANCE))
-        return residual, reaction, gap_error, penetration
+        scale = scale or float(np.linalg.norm(force[self.fixed]))
+        residual = float(np.linalg.norm(force[~self.fixed])) / max(scale, self.floor / TOLERANCE)
+        return State(fraction, u, pressure, reaction, iteration, residual, gap_error, penetration)
 
     def _advice(self) -> str:
         count = self.scene.steps.count
@@ -300,13 +342,14 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None) -> Solu
         penetration=np.array([state.penetration for state in states]),
         smallest_det_f=smallest_det_f(mesh.points, u, mesh.cells, mesh.cell),
         newton_iterations=np.array([state.iterations for state in states]),
-        relative_residual=np.array([state.residual for state in states]), factorisations=path.factor.count,
+        relative_residual=np.array([state.residual for state in states]), factorisations=path.factorisations,
         halvings=path.halvings, model=model(scene), seconds=time.perf_counter() - started, failure=failure)
 
 
 def model(scene: Scene) -> dict[str, str]:
     """What is modelled, and why, in words."""
-    said = {"kinematics": f"finite strain, {scene.material.law}; {scene.body.cell}s of first order",
+    cells = "the cells of the file" if scene.body.shape == "file" else f"{scene.body.cell}s"
+    said = {"kinematics": f"finite strain, {scene.material.law}; {cells}, of first order",
             "inertia": "none: quasi-static loading"}
     if scene.obstacle is None:
         said["contact"] = "none: the scene has no obstacle"

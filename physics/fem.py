@@ -38,11 +38,23 @@ FROM_GMSH = {"triangle": [0, 1, 2], "quadrilateral": [0, 1, 3, 2], "tetrahedron"
              "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6], "prism": [0, 1, 2, 3, 4, 5]}
 # One point a prism would let hourglass modes through; two degrees integrate the stiffness of straight cells well.
 QUADRATURE_DEGREE = {"triangle": 1, "quadrilateral": 3, "tetrahedron": 1, "hexahedron": 3, "prism": 2}
+# dolfinx's rule of degree 2 for prisms has eight points; three on the triangle times Gauss's two do the same with six.
+PRISM_POINTS = np.array([(r, s, t) for t in (0.5 - 12**-0.5, 0.5 + 12**-0.5) for r, s in ((1/6, 1/6), (2/3, 1/6), (1/6, 2/3))])
+PRISM_WEIGHTS = np.full(6, 1 / 12)
 MASS_DEGREE = {"triangle": 2, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 4, "prism": 4}
 COMPILE = ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"]
 
 
-def _cache() -> Path:
+def quadrature(cell: str) -> dict[str, Any]:
+    """UFL's metadata for the integrals of energy, force and stiffness."""
+    if cell != "prism":
+        return {"quadrature_degree": QUADRATURE_DEGREE[cell]}
+    logging.getLogger("UFL").setLevel(logging.ERROR)  # it is not sure that arrays can be metadata; FFCx reads them there
+    return {"quadrature_degree": QUADRATURE_DEGREE[cell], "quadrature_rule": "custom", "quadrature_points": PRISM_POINTS,
+            "quadrature_weights": PRISM_WEIGHTS}
+
+
+def cache_folder() -> Path:
     """A folder for compiled forms of this very processor: code made with -march=native may not run on another one."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -55,7 +67,7 @@ def _cache() -> Path:
 
 def compile_form(form: Any) -> Any:
     """A UFL form compiled for this processor, or taken from the cache of compiled forms."""
-    options = {"cffi_extra_compile_args": COMPILE, "cache_dir": _cache()}
+    options = {"cffi_extra_compile_args": COMPILE, "cache_dir": cache_folder()}
     with _quiet():
         return fem.form(form, jit_params=options) if OLD else fem.form(form, jit_options=options)
 
@@ -68,6 +80,29 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         logging.disable(logging.NOTSET)
+
+
+def ffcx_options() -> dict[str, Any]:
+    """FFCx's options, all at their defaults."""
+    if OLD:
+        from ffcx.parameters import get_parameters
+
+        return dict(get_parameters())
+    from ffcx.options import get_options
+
+    return dict(get_options())
+
+
+def symbols(cell: str) -> tuple[Any, Any]:
+    """UFL's mesh and space of first-order vector fields on any mesh of one type of cell: what forms are written with."""
+    if OLD:
+        element = ufl.VectorElement("Lagrange", ufl.Cell(cell, geometric_dimension=3), 1)
+    else:
+        import basix.ufl
+
+        element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
+    domain = ufl.Mesh(element)
+    return domain, ufl.FunctionSpace(domain, element)
 
 
 class Space:
@@ -99,10 +134,9 @@ class Space:
             cell = ufl.Cell(mesh.cell, geometric_dimension=dimension)
             dolfinx_mesh._uflcell_to_dolfinxcell["prism"] = dolfinx_mesh.CellType.prism
             element = ufl.VectorElement("Lagrange", cell, 1)
-            with _quiet():
-                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
             make = fem.FunctionSpace if D == 1 else fem.VectorFunctionSpace
             with _quiet():
+                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
                 self.V = make(self.domain, ("Lagrange", order))
             geometry = self.domain.geometry.dofmap.array.reshape(-1, cells.shape[1])
             blocks = self.V.dofmap.list.array.reshape(len(geometry), -1)

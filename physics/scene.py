@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -124,14 +124,17 @@ class Load:
 
 @dataclass(frozen=True, kw_only=True)
 class Obstacle:
-    """A rigid body that touches without friction.
+    """A rigid body that touches without friction; what each shape is stands in obstacle.py.
 
     Its centre follows the way-points of `path`, reached at equal fractions of the steps, the first one at step 0.
     """
 
-    shape: str = quantity(choice=("sphere", "cylinder"))
-    radius: float = quantity(unit="m", above=0)
-    axis: Vector = (0.0, 1.0, 0.0)
+    shape: str = quantity(choice=("sphere", "cylinder", "capsule", "box", "half-space"))
+    radius: float | None = quantity(None, unit="m", at_least=0)  # of a box: of its edges, by default a twentieth of its smallest side
+    axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule
+    length: float | None = quantity(None, unit="m", above=0)  # capsule, between the centres of its ends
+    size: Vector | None = quantity(None, unit="m", above=0)  # box
+    normal: Vector | None = None  # half-space, out of it
     path: tuple[Vector, ...] = quantity(unit="m")
     contact: str = quantity("facets", choice=("facets", "nodes"))
 
@@ -218,10 +221,7 @@ def read_scene(table: dict[str, Any]) -> Scene:
         if (load.traction is None) != (load.where is None):
             raise InputError(f"load[{i}]: a traction needs a where, an acceleration takes none")
     if scene.obstacle is not None:
-        if math.hypot(*scene.obstacle.axis) == 0:
-            raise InputError("obstacle.axis must not be the zero vector")
-        if not scene.obstacle.path:
-            raise InputError("obstacle.path must have at least one way-point")
+        scene = replace(scene, obstacle=_complete(scene.obstacle))
     return scene
 
 
@@ -273,3 +273,30 @@ def _check_place(body: Body, where: str | None, key: str) -> None:
     for word in where.split() or [""]:
         if word not in body.places:
             raise InputError(f"{key} = {word!r}: must be one of {', '.join(body.places)}{nearest(word, body.places)}")
+
+
+def _complete(obstacle: Obstacle) -> Obstacle:
+    """An obstacle with all that its shape needs and nothing else. Raises `InputError`."""
+    needs = {"sphere": {"radius"}, "cylinder": {"radius"}, "capsule": {"radius", "length"}, "box": {"size"}, "half-space": {"normal"}}
+    for key in ("radius", "length", "size", "normal"):
+        given = getattr(obstacle, key) is not None
+        if key in needs[obstacle.shape] and not given:
+            raise InputError(f"obstacle.{key}: missing; a {obstacle.shape} needs it")
+        if given and key not in needs[obstacle.shape] | ({"radius"} if obstacle.shape == "box" else set()):
+            raise InputError(f"obstacle.{key}: a {obstacle.shape} has none")
+    if obstacle.shape == "box":
+        assert obstacle.size is not None
+        smallest = min(obstacle.size)
+        radius = smallest / 20 if obstacle.radius is None else obstacle.radius
+        if radius > smallest / 2:
+            raise InputError(f"obstacle.radius = {radius!r}: must be at most {smallest / 2:g} m, half the smallest side of the box")
+        obstacle = replace(obstacle, radius=radius)
+    elif obstacle.radius == 0:
+        raise InputError("obstacle.radius = 0.0: must be above 0 m")
+    for key in ("axis", "normal"):
+        vector = getattr(obstacle, key)
+        if vector is not None and math.hypot(*vector) == 0:
+            raise InputError(f"obstacle.{key} must not be the zero vector")
+    if not obstacle.path:
+        raise InputError("obstacle.path must have at least one way-point")
+    return obstacle

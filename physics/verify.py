@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import scipy.optimize
-import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from physics import quality
@@ -63,16 +62,15 @@ class Checker:
         free = ~path.fixed
         missing, reaction = force[free], np.zeros(3)
         if path.contact is not None and np.isfinite(force).all():
-            gap, normal = path.contact.gaps(u, path.contact.obstacle.position(fraction))
-            touching = np.flatnonzero(gap < TOUCHING * path.size)
-            if len(touching):
-                nodes = path.contact.touched_nodes(touching)
-                pull = path.contact.gradient(touching, nodes, normal)[:, free[nodes].ravel()].T  # (3 n, q)
-                p = scipy.optimize.nnls(pull, force[nodes][free[nodes]])[0]
-                pressure = np.zeros(len(gap))
-                pressure[touching] = p
-                missing = (force - path.contact.forces(pressure, normal))[free]
-                reaction = -pressure @ normal
+            zone = path.contact.zone(u, path.contact.obstacle.position(fraction), TOUCHING * path.size)
+            if len(zone.points):
+                _, normal = zone.gaps(u, path.contact.obstacle.position(fraction))
+                movable = free[zone.nodes]  # (m, 3)
+                points, nodes = np.arange(len(zone.points)), np.arange(len(zone.nodes))
+                pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
+                p = scipy.optimize.nnls(pull, force[zone.nodes][movable])[0]
+                force[zone.nodes] -= zone.forces(p, normal)
+                missing, reaction = force[free], -p @ normal
         elif path.contact is None:
             reaction = force[path.fixed]
         return float(np.linalg.norm(missing)), float(np.linalg.norm(reaction))

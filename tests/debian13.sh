@@ -43,6 +43,7 @@ for file in "${!settings[@]}"; do
     [[ ! -r $file ]] || install -D -m 644 "$file" "$system${settings[$file]}"
 done
 mapfile -t variables < <(env | grep -E '^(PIP_[A-Z_]+|https?_proxy|no_proxy|CI|TERM)=' || true)
+# shellcheck disable=SC2048
 for word in $(cat "${!settings[@]}" 2>/dev/null | tr '=,' '  ') ${variables[*]#*=}; do
     path=${word#file://}
     [[ $path == /?* && -e $path ]] || continue
@@ -63,6 +64,7 @@ find "$system/root/fidelity" -mindepth 1 -maxdepth 1 ! -name .venv -exec rm -rf 
     tar --null -T - -c) | tar -x --no-same-owner -C "$system/root/fidelity"
 
 inside() { chroot "$system" /usr/bin/env -i HOME=/root LANG=C.UTF-8 PATH=/usr/sbin:/usr/bin:/sbin:/bin "${variables[@]}" "$@"; }
+# shellcheck disable=SC2016
 name=$(inside sh -c '. /etc/os-release; echo "$PRETTY_NAME"')
 inside dpkg --configure -a
 inside /root/fidelity/run test "$@" || finish "tests on $name: FAILED (exit status $?)" 1

@@ -1,8 +1,9 @@
 """The equilibria of a scene by plain full Newton, without any shortcut: what the path-following solver is held against.
 
-At each step, from the last state: assemble the whole tangent of the potential W(u) - b.u + sum_q <-g_q>^2 / (2 c_q), factor it,
-halve the step until the potential falls, and so on until the residual force is negligible. It shares the energy and the contact points with the solver, but neither its extrapolation, its kept factor, its complementarity problem
-nor its step control.
+At each step, from the last state: assemble the whole tangent of the potential W(u) - b.u + sum_q <-g_q>^2 / (2 c_q), factor
+it, halve the step until the potential falls, and so on until the residual force is negligible. It shares the energy and the
+contact points with the solver, but neither its extrapolation, its kept factor, its complementarity problem nor its step
+control.
 """
 
 import numpy as np

@@ -119,7 +119,7 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
     assert result["pictures"] == 11 and (tmp_path / "film.gif").stat().st_size > 10_000
     with h5py.File(first, "r+") as file:
         file["VTKHDF/PointData/displacement"][500, 2] += 1e-3
-    status, out, err = run(capsys, "dataset", "check", data)
+    status, _, err = run(capsys, "dataset", "check", data)
     assert status == 1 and "0000.vtkhdf" in err
 
 

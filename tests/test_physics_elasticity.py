@@ -71,7 +71,7 @@ def test_forces_and_stiffness_are_derivatives(law):
 
 
 def test_mass_is_that_of_the_body():
-    mesh, elasticity, _ = distorted("prism")
+    _, elasticity, _ = distorted("prism")
     weight = elasticity.weight(np.array([0, 0, -9.81]))
     assert weight.sum(axis=0) == pytest.approx([0, 0, -9.81 * 1000 * 0.3 * 0.2 * 0.2], rel=1e-12, abs=1e-9)
 

@@ -49,7 +49,7 @@ def test_a_delay_by_one_step_is_found(case):
 
 def test_nothing_moves_is_caught_by_the_obstacle_alone(case):
     fidelity = check(case, np.zeros_like(case[1].displacement))
-    assert fidelity.relative_residual == 0  # the rest state is an equilibrium, only not this one
+    assert fidelity.relative_residual < 1e-12  # the rest state is an equilibrium up to rounding, only not this one
     # At the end the axis of the cylinder is inside the rest body, and comes out of its sides: one radius deep.
     assert fidelity.largest_penetration == pytest.approx(0.01, abs=0.0005)
 
