@@ -132,21 +132,22 @@ def _direct(problem: Problem, count: int, unknowns: int) -> Pairs:
 def _shift_invert(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float,
                   found: list[PETSc.Vec]) -> tuple[SLEPc.EPS, Floats, list[PETSc.Vec]]:
     """At least `count` pairs next to the shift, in rising order, M-orthogonal to those found before."""
+    shifted = K.copy()
+    if shift:
+        shifted.axpy(-shift, M, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    shifted.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     solver = SLEPc.EPS().create(K.comm)
-    solver.setOperators(K, M)
+    solver.setOperators(shifted, M)
     solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
     size = K.getSize()[0]
     solver.setDimensions(count, min(size, max(2 * count, count + 12)))
-    solver.setTarget(shift)
+    solver.setTarget(0.0)
     solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
     solver.setTolerances(TOLERANCE, 1000)
     if found:
         solver.setDeflationSpace(found)
-    transform = solver.getST()
-    transform.setType(SLEPc.ST.Type.SINVERT)
-    transform.setShift(shift)
-    transform.setMatStructure(PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-    ksp = transform.getKSP()
+    solver.getST().setType(SLEPc.ST.Type.SINVERT)
+    ksp = solver.getST().getKSP()
     ksp.setType(PETSc.KSP.Type.PREONLY)
     ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
     ksp.getPC().setFactorSolverType("mumps")
@@ -155,7 +156,8 @@ def _shift_invert(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float,
     solver.solve()
     if solver.getConverged() < count:
         raise RuntimeError(f"SLEPc found {solver.getConverged()} of {count} pairs after {solver.getIterationNumber()} restarts")
-    return solver, *_taken(solver, K, min(solver.getConverged(), count + 8))
+    values, vectors = _taken(solver, K, min(solver.getConverged(), count + 8))
+    return solver, values + shift, vectors
 
 
 def _taken(solver: SLEPc.EPS, K: PETSc.Mat, count: int) -> tuple[Floats, list[PETSc.Vec]]:
@@ -170,6 +172,8 @@ def _taken(solver: SLEPc.EPS, K: PETSc.Mat, count: int) -> tuple[Floats, list[PE
 def _completed(K: PETSc.Mat, M: PETSc.Mat, solver: SLEPc.EPS, values: Floats, vectors: list[PETSc.Vec], count: int,
                shift: float) -> tuple[Floats, list[PETSc.Vec], float, bool]:
     """The `count` lowest pairs of those found, after a count of all that lie below shows that none is missing."""
+    if count == 1 and len(values) > 1:  # one sequence may step over copies, never over the lowest value itself
+        return values[:1], vectors[:1], float(values[1]), False
     for _ in range(6):
         gaps = np.diff(values[count - 1:]) / np.maximum(abs(values[count:]), abs(shift))
         if not len(gaps):  # all pairs that there are
@@ -179,7 +183,7 @@ def _completed(K: PETSc.Mat, M: PETSc.Mat, solver: SLEPc.EPS, values: Floats, ve
         if gaps.max() < 1e-7:  # an eigenvalue goes on as far as was looked
             below = len(values)
         else:
-            below = _count_below(K, M, solver, between)
+            below = _count_below(M, solver, between - shift)
         if below <= last + 1 and gaps.max() >= 1e-7:
             return values[:count], vectors[:count], float(values[count]), below == last + 1
         missing = max(1, below - last - 1)
@@ -190,14 +194,18 @@ def _completed(K: PETSc.Mat, M: PETSc.Mat, solver: SLEPc.EPS, values: Floats, ve
     return values[:count], vectors[:count], float(values[count]), False
 
 
-def _count_below(K: PETSc.Mat, M: PETSc.Mat, solver: SLEPc.EPS, bound: float) -> int:
-    """How many eigenvalues lie below a bound: the negative pivots of K - bound M, with the symbolic factor reused."""
-    shifted = K.copy()
-    shifted.axpy(-bound, M, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-    pc = solver.getST().getKSP().getPC()
-    pc.setOperators(shifted)
+def _count_below(M: PETSc.Mat, solver: SLEPc.EPS, bound: float) -> int:
+    """How many eigenvalues of the solver's problem lie below a bound: the negative pivots of A - bound M.
+
+    The solver's matrix is changed and changed back, so that MUMPS keeps its ordering.
+    """
+    A, pc = solver.getOperators()[0], solver.getST().getKSP().getPC()
+    A.axpy(-bound, M, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    pc.setOperators(A)
     pc.setUp()
-    return int(pc.getFactorMatrix().getInertia()[0])
+    negative = int(pc.getFactorMatrix().getInertia()[0])
+    A.axpy(bound, M, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    return negative
 
 
 def _multigrid(problem: Problem, count: int, unknowns: int) -> Pairs:

@@ -113,6 +113,7 @@ class Space:
         V: its function space
         comm: MPI.COMM_SELF, or MPI.COMM_WORLD when the space is spread over all processes
         components: D
+        order: of the polynomials
         nodes: (B,) the node of our mesh behind each block of D degrees of freedom, -1 where it is none (order 2)
         dofs: (N, D) the degrees of freedom of each node of our mesh; -1 for those of other processes
         owned: how many of the blocks are this process's own
@@ -121,7 +122,8 @@ class Space:
 
     def __init__(self, mesh: Mesh, *, order: int = 1, components: int | None = None, spread: bool = False) -> None:
         dimension = mesh.dimension
-        self.components = D = components or dimension
+        self.components, self.order = components or dimension, order
+        D = self.components
         self.comm = MPI.COMM_WORLD if spread else MPI.COMM_SELF
         self.degrees = QUADRATURE_DEGREE[mesh.cell], MASS_DEGREE[mesh.cell]
         if order == 2:
@@ -250,6 +252,40 @@ def matrix(form: Any) -> PETSc.Mat:
     """A UFL form of rank 2 as a matrix, nothing held."""
     compiled = compile_form(form)
     return assemble_matrix(create_matrix(compiled), compiled, [])
+
+
+def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
+    """The consistent mass matrix of a space of vectors, with the sparsity of another matrix of that space.
+
+    Each component has the mass matrix of the scalars, which is assembled once and spread: block (i, j) is m_ij times the
+    identity. Where that cannot be done (several processes, or another numbering of the scalars) it is assembled whole.
+    """
+    dx = ufl.dx(metadata={"quadrature_degree": space.degrees[1]})
+    D = space.components
+    if space.comm.size == 1 and D > 1:
+        with _quiet():
+            if OLD:
+                scalars = fem.FunctionSpace(space.domain, ("Lagrange", space.order))
+            else:
+                scalars = fem.functionspace(space.domain, ("Lagrange", space.order))
+        lists = (V.dofmap.list.array if OLD else V.dofmap.list.ravel() for V in (scalars, space.V))
+        if np.array_equal(*lists):
+            u, v = ufl.TrialFunction(scalars), ufl.TestFunction(scalars)
+            rows, columns, values = matrix(fem.Constant(space.domain, PETSc.ScalarType(density)) * u * v * dx).getValuesCSR()
+            starts, others, _ = like.getValuesCSR()
+            if len(others) == D * D * len(columns):
+                length = np.diff(rows)
+                neighbour = np.arange(len(columns)) - np.repeat(rows[:-1], length)
+                first = D * D * np.repeat(rows[:-1], length) + D * neighbour
+                spread = np.zeros(len(others))
+                for d in range(D):
+                    spread[first + d * (D * np.repeat(length, length) + 1)] = values
+                whole = like.duplicate()
+                whole.setValuesCSR(starts, others, spread)
+                whole.assemble()
+                return whole
+    u, v = ufl.TrialFunction(space.V), ufl.TestFunction(space.V)
+    return matrix(space.constant(density) * ufl.inner(u, v) * dx)
 
 
 def fix(space: Space, fixed: NDArray[np.bool_]) -> list[Any]:

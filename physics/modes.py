@@ -123,15 +123,16 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
     lmbda, mu = lame(scene.material)
     if mesh.dimension == 2 and scene.body.plane == "stress":
         lmbda = 2 * mu * lmbda / (lmbda + 2 * mu)
-    first, second, density = (space.constant(value) for value in (lmbda, mu, scene.material.density))
-    dx, dm = (ufl.dx(metadata={"quadrature_degree": degree}) for degree in space.degrees)
+    first, second = space.constant(lmbda), space.constant(mu)
+    dx = ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
     strain = ufl.sym(ufl.grad(v))
     stiffness = fem.matrix((first * ufl.div(u) * ufl.div(v) + 2 * second * ufl.inner(ufl.sym(ufl.grad(u)), strain)) * dx)
-    mass = fem.matrix(density * ufl.inner(u, v) * dm)
+    mass = fem.mass_matrix(space, scene.material.density, stiffness)
 
     free = np.ones((space.owned, mesh.dimension), bool)
     for support in scene.support:
-        inside = space.within(mesh.entities(support.where))[:space.owned]
+        entities = mesh.entities(support.where) if space.order > 1 else {1: mesh.place(support.where)[:, None]}
+        inside = space.within(entities)[:space.owned]
         for letter in support.fixed:
             if "xyz".index(letter) < mesh.dimension:
                 free[inside, "xyz".index(letter)] = False
