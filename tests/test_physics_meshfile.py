@@ -159,7 +159,7 @@ def test_files_that_are_no_body_end_in_one_line_and_status_2(tmp_path, capsys, c
 def test_unknown_groups_are_refused_by_name(tmp_path):
     write(tmp_path / "part.msh", "tetrahedron", file_format="gmsh")
     table = {"body": {"shape": "file", "path": str(tmp_path / "part.msh")}, "material": MATERIAL, "support": [{"where": "wal"}]}
-    with pytest.raises(InputError, match="no place named 'wal' in the mesh: .*did you mean 'wall'"):
+    with pytest.raises(InputError, match=r"no place named 'wal' in the mesh: .*did you mean 'wall'"):
         elastic_modes(read_scene(table))
 
 
