@@ -1,7 +1,7 @@
 """How fast are modes? Ratios measured side by side in one run, so that they hold on any machine.
 
-    ./run benchmarks/modes.py                    5 k and 50 k unknowns, and one beam of the data set
-    ./run benchmarks/modes.py --large            500 k unknowns too (multigrid; some 10 minutes)
+    .venv/bin/python benchmarks/modes.py                    5 k and 50 k unknowns, and one beam of the data set
+    .venv/bin/python benchmarks/modes.py --large            500 k unknowns too (multigrid; some 10 minutes)
 
 Ten modes of a clamped beam of hexahedra, five times as long as thick, against
 - one factorisation of K by MUMPS, the floor for anything that factors;

@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 Extended = NDArray[np.longdouble]
 
 DIRECT = {2: 1_000_000, 3: 150_000}  # unknowns up to which a factor is made, by the dimension of the body
-TOLERANCE = 1e-10  # of SLEPc; the residuals as defined above are then below GOAL
+TOLERANCE = 1e-11  # of SLEPc; the residuals as defined above are then below GOAL
 GOAL = 1e-8
 Inverse = tuple[PETSc.Mat, SLEPc.EPS]  # K - s M, and the solver that has its factor
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from physics import fem
 from physics.eigen import Problem, clusters, lowest_pairs
-from physics.mesh import Mesh, Parts, build_mesh, closure, kind_of, pieces, rows_in
+from physics.mesh import PLURAL, Mesh, Parts, build_mesh, closure, kind_of, pieces, rows_in
 from physics.modes import remarks
 from physics.scene import Body
 from physics.schema import InputError
@@ -92,7 +92,7 @@ def laplacian_modes(body: Body, *, count: int = 10, dirichlet: Sequence[str] | N
     sign = np.where(np.take_along_axis(shapes, abs(shapes).argmax(axis=1)[:, None], axis=1) < 0, -1.0, 1.0)
     return LaplacianModes(mesh=mesh, eigenvalues=pairs.values, shapes=shapes * sign, residuals=pairs.residuals, dirichlet=where,
                           dofs=dofs, constant=pairs.zeros, constant_expected=problem.zeros,
-                          cells=f"{mesh.cell}s of order {body.order}", solver=pairs.solver,
+                          cells=f"{PLURAL[mesh.cell]} of order {body.order}", solver=pairs.solver,
                           remarks=remarks(pairs, problem, mesh), seconds=time.perf_counter() - started)
 
 

@@ -23,6 +23,8 @@ Integers = NDArray[np.int64]
 
 VTK_TYPE = {"triangle": 5, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 12, "prism": 13}
 DIMENSION = {"vertex": 0, "line": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3, "prism": 3}
+PLURAL = {"triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra", "hexahedron": "hexahedra",
+          "prism": "prisms"}
 
 # The facets of each cell, outward by the right-hand rule (of a plane cell: its edges, counter-clockwise).
 FACETS = {

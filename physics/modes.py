@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from physics import fem
 from physics.eigen import GOAL, Pairs, Problem, clusters, lowest_pairs
 from physics.material import lame
-from physics.mesh import Mesh, build_mesh, pieces
+from physics.mesh import PLURAL, Mesh, build_mesh, pieces
 from physics.scene import Scene
 from physics.schema import InputError
 from physics.supports import held, rigid_motions_left
@@ -111,7 +111,7 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
         mesh=mesh, eigenvalues=pairs.values, shapes=shapes * sign[:, :, None] / np.sqrt(thickness), residuals=pairs.residuals,
         participation=np.pad(participation * sign, ((0, 0), (0, len(still)))) * np.sqrt(thickness),
         free_mass=np.concatenate([free_mass, still]) * thickness, dofs=dofs, rigid=pairs.zeros,
-        rigid_expected=problem.zeros, cells=f"{mesh.cell}s of order {scene.body.order}", solver=pairs.solver,
+        rigid_expected=problem.zeros, cells=f"{PLURAL[mesh.cell]} of order {scene.body.order}", solver=pairs.solver,
         remarks=remarks(pairs, problem, mesh), seconds=time.perf_counter() - started)
 
 
