@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import time
@@ -206,6 +207,43 @@ def rollout(options: Options) -> dict[str, Any]:
     return {"steps": len(prediction.displacement) - 1, "rmse_all": error, **prediction.extra}
 
 
+def verify(options: Options) -> dict[str, Any]:
+    """Any prediction in the trajectory format, held against its reference and against the equations."""
+    import tomllib
+
+    import numpy as np
+
+    from datagen.trajectory import read_trajectory
+    from physics.mesh import build_mesh
+    from physics.scene import read_scene
+    from physics.verify import as_table
+    from physics.verify import verify as run
+
+    prediction, reference = read_trajectory(options.prediction), read_trajectory(options.reference)
+    out = _writable(options.out)
+    if prediction.displacement.shape != reference.displacement.shape or not np.array_equal(prediction.points, reference.points):
+        raise InputError(f"{options.prediction}: its mesh or number of frames is not that of {options.reference}")
+    if not reference.scene:
+        raise InputError(f"{options.reference}: holds no scene, so there are no equations to hold a prediction against")
+    scene, body = read_scene(tomllib.loads(reference.scene)), reference.body
+    mesh = build_mesh(scene.body)
+    if not np.array_equal(reference.points[body], mesh.points):
+        raise InputError(f"{options.reference}: its mesh is not the one that its scene builds")
+    found = run(prediction.displacement[:, body], reference.displacement[:, body], scene=scene, mesh=mesh, free=reference.free[body])
+    result = as_table(found)
+    for name, value in result.items():
+        _say(options, f"{name:20s} {value:.6g}")
+    if out is not None:
+        from physics.view import frame_picture
+
+        (out / "verify.json").write_text(json.dumps(_finite(result), indent=1))
+        step = found.worst_step
+        frame_picture(out / "worst.png", mesh, prediction=prediction.displacement[step, body], truth=reference.displacement[step, body],
+                      step=step, steps=len(reference.displacement) - 1)
+        _say(options, f"{out / 'verify.json'}, {out / 'worst.png'}")
+    return result
+
+
 def evaluate(options: Options) -> dict[str, Any]:
     """Rollouts of a trained run, its rivals and the FE solver, in one report."""
     from datagen.dataset import files
@@ -250,7 +288,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise InputError(f"{options.verb} runs as one process; under mpirun only modes does more")
         result = options.verb_function(options)
         if options.json and RANK == 0:
-            print(json.dumps(result))
+            print(json.dumps(_finite(result)))
         return 0
     except InputError as error:
         return _fail(str(error), 2)
@@ -260,6 +298,15 @@ def main(arguments: list[str] | None = None) -> int:
         return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 1)
     except KeyboardInterrupt:
         return _fail("stopped; finished files are kept", 130)
+
+
+def _finite(value: Any) -> Any:
+    """The same value with null for numbers that JSON has no word for."""
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _fail(message: str, status: int) -> int:
@@ -339,6 +386,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--steps", type=_positive, help="stop after this training step")
     add("--resume", action="store_true", help="go on from the run's last checkpoint")
     verb("rollout", rollout, "run", "trajectory").add_argument("--out", required=True, help="trajectory, .vtkhdf")
+    add = verb("verify", verify, "prediction").add_argument
+    add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
+    add("--out", help="folder for the figures and a picture of the worst frame")
     add = verb("evaluate", evaluate, "run").add_argument
     add("--data", required=True, help="folder of a data set")
     add("--split", default="test")

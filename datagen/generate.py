@@ -35,7 +35,8 @@ from tqdm import tqdm
 from datagen import dataset
 from datagen.family import SPLITS, Family, draw
 from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
-from physics.equilibrium import Solution, cell_size, solve
+from physics.balance import cell_size
+from physics.equilibrium import Solution, solve
 from physics.mesh import VTK_TYPE
 from physics.modes import elastic_modes
 from physics.obstacle import Rigid

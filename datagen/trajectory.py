@@ -211,8 +211,8 @@ def problems(trajectory: Trajectory) -> list[str]:
         found.append(f"a cell names a node outside of 0 .. {nodes - 1}")
     if not np.isin(kinds, (NORMAL, OBSTACLE, HANDLE)).all() or (np.diff((kinds == OBSTACLE).astype(int)) < 0).any():
         found.append("the node kinds are not body first, obstacle last")
-    for name, array in {"points": trajectory.points, "displacement": trajectory.displacement,
-                        "modes": trajectory.modes, **trajectory.per_frame}.items():
+    arrays: dict[str, NDArray[Any]] = {"points": trajectory.points, "displacement": trajectory.displacement, "modes": trajectory.modes}
+    for name, array in (arrays | trajectory.per_frame).items():
         if not np.isfinite(array).all():
             found.append(f"{name} is not finite everywhere")
     found += [f"{name} has {len(array)} rows for {len(trajectory.displacement)} frames"

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from learning.table import Row
 
-COLOURS = {"learned": "#c8102e", "trivial": "#7a7d82", "fe": "#1f4e9c", "reference": "#0b7a4b"}
-MARKERS = {"learned": "o", "trivial": "D", "fe": "s"}
+COLOURS = {"learned": "#c8102e", "hybrid": "#7b2d8b", "trivial": "#7a7d82", "fe": "#1f4e9c", "reference": "#0b7a4b"}
+MARKERS = {"learned": "o", "hybrid": "P", "trivial": "D", "fe": "s"}
 
 
 def front(rows: list[Row]) -> list[Row]:

@@ -38,6 +38,7 @@ th[scope=row],.key span{border-left:5px solid #fff}
 .learned th[scope=row],.key .learned{border-color:#c8102e}
 .trivial th[scope=row],.key .trivial{border-color:#7a7d82}
 .fe th[scope=row],.key .fe{border-color:#1f4e9c}
+.hybrid th[scope=row],.key .hybrid{border-color:#7b2d8b}
 .reference th[scope=row],.key .reference{border-color:#0b7a4b}
 .key,figcaption{font-size:.88rem;color:#55585c;max-width:54rem}
 .key span{padding:0 1.2rem 0 .4rem}

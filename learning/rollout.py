@@ -12,6 +12,7 @@ Legend: N nodes, T frames.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,12 +24,16 @@ from learning.checkpoint import Model
 from learning.data import Case, build_case
 from learning.graph import build_graph, join
 
+# Takes displacements (N, 3) of the body [m] and the number of their frame, and gives better ones.
+Corrector = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
-def rollout(model: Model, trajectory: Trajectory) -> Trajectory:
+
+def rollout(model: Model, trajectory: Trajectory, *, correct: Corrector | None = None) -> Trajectory:
     """The predicted trajectory, from the rest state to the last frame.
 
     Args:
         trajectory: geometry, node kinds, modes, and the motion of prescribed nodes; the motion of free nodes is not used
+        correct: corrects each predicted frame, from which the next one is then predicted
 
     Returns:
         the same trajectory with the predicted displacement, its segments, without what only a solver knows, and with
@@ -41,13 +46,13 @@ def rollout(model: Model, trajectory: Trajectory) -> Trajectory:
     given = np.where(trajectory.free[:, None], np.float32(0), trajectory.displacement)  # (T, N, 3)
     case = build_case(replace(trajectory, displacement=given), model.config)
     start = time.perf_counter()
-    displacement = _walk(model, case)
+    displacement = _walk(model, case, correct)
     seconds = (time.perf_counter() - start) / (len(given) - 1) if len(given) > 1 else 0.0
     return replace(case.trajectory, displacement=displacement, per_frame={}, segment=case.skeleton.segment.astype(np.int32),
                    extra={"run": model.name, "seconds_per_step": seconds})
 
 
-def _walk(model: Model, case: Case) -> NDArray[np.float32]:
+def _walk(model: Model, case: Case, correct: Corrector | None = None) -> NDArray[np.float32]:
     """(T, N, 3) displacement, free nodes predicted, the others as given."""
     free, given = case.skeleton.free, case.trajectory.displacement
     predicted = given.copy()
@@ -56,6 +61,9 @@ def _walk(model: Model, case: Case) -> NDArray[np.float32]:
         velocity = given[step + 1] - now
         after = given[step + 1].astype(np.float64)
         after[free] = now[free] + _velocities(model, case, [now], [velocity])[0][free]
+        if correct is not None:
+            body = case.trajectory.body
+            after[body] = correct(after[body], step + 1)
         if not np.isfinite(after).all():
             raise FloatingPointError(f"the rollout is not finite at step {step + 1} of {len(given) - 1}: the network has "
                                      f"left the states it was trained on; train longer, or with more noise")

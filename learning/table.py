@@ -6,7 +6,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-KINDS = {"learned": "learned simulator", "trivial": "predictor that knows nothing",
+KINDS = {"learned": "learned simulator", "hybrid": "learned simulator, each frame corrected by finite elements",
+         "trivial": "predictor that knows nothing",
          "fe": "finite elements on a coarser mesh", "reference": "finite elements, the reference"}
 
 
@@ -14,7 +15,7 @@ KINDS = {"learned": "learned simulator", "trivial": "predictor that knows nothin
 class Row:
     """One predictor.
 
-    kind: learned, trivial, fe or reference
+    kind: learned, hybrid, trivial, fe or reference
     ms_per_step: wall time [ms]
     scores: key of a column -> value in SI units, over all trajectories; nan where there is none
     each: the same for every trajectory

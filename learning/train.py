@@ -107,8 +107,8 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
             about["step"] += 1
             about["seconds"] = time.perf_counter() - start
             if not math.isfinite(losses[-1]):
-                raise FloatingPointError(f"the loss is {losses[-1]} at step {about['step']}, learning rate {rate:.2g}: choose a "
-                                         f"lower one; {out} keeps the state of the last checkpoint")
+                raise FloatingPointError(f"the loss is {losses[-1]} at step {about['step']}, learning rate {rate:.2g}: "
+                                         f"choose a lower one; {out} keeps the state of the last checkpoint")
             done = progress(config, about["step"], about["seconds"])
             ended = about["step"] == last or done >= 1
             if about["step"] % REPORT_EVERY == 0 or ended:

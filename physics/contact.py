@@ -55,11 +55,11 @@ class ContactSurface:
         return self.weights @ x
 
 
-def _points(mesh: Mesh) -> tuple[Floats, Floats, Floats, Floats]:
-    """Point number, node and weight triplets, and areas, of Lobatto's points: corners, middles of edges, and centres.
+def _points(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
+    """Point number, node and weight triplets, and areas, of the points of all facets.
 
-    Simpson's rule on quadrilaterals; on triangles corners 1/20, middles 2/15 and the centre 9/20 would be the cubic rule,
-    of which the corners and middles with the weights 1/12 and 1/4 are kept: all positive, exact for linear pressure.
+    On quadrilaterals Simpson's rule: corners, middles of edges, centre; on triangles corners (1/12) and middles (1/4). All
+    weights are positive, and a pressure that is linear over a facet gives its exact nodal forces.
     """
     rows, columns, values, areas, count = [], [], [], [], 0
     one = np.array([[1, 0], [0.5, 0.5], [0, 1]])
@@ -79,7 +79,9 @@ def _points(mesh: Mesh) -> tuple[Floats, Floats, Floats, Floats]:
         q = count + np.arange(len(facets) * len(share)).reshape(len(facets), len(share))
         point, node = np.broadcast_arrays(q[:, :, None], facets[:, None, :])
         weight = np.broadcast_to(shape, point.shape)
-        rows.append(point.ravel()), columns.append(node.ravel()), values.append(weight.ravel())
+        rows.append(point.ravel())
+        columns.append(node.ravel())
+        values.append(weight.ravel())
         areas.append((size[:, None] * share).ravel())
         count += q.size
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(values), np.concatenate(areas)
@@ -95,26 +97,32 @@ def _merged(weights: scipy.sparse.csr_matrix, area: Floats) -> tuple[scipy.spars
         has = key[:, 0] > i
         key[has, i + 1] = weights.indices[weights.indptr[:-1][has] + i] + 1
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    return weights[first], np.bincount(group.ravel(), weights=area)
+    return weights[first], np.bincount(group.ravel(), weights=area).astype(np.float64)
 
 
-def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_]) -> Floats:
-    """p >= 0 with w = gap + matrix p >= 0 and p . w = 0, for a symmetric positive definite matrix (Q, Q).
+def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_], *, definite: bool = True) -> Floats:
+    """p >= 0 with w = gap + matrix p >= 0 and p . w = 0, for a symmetric matrix (Q, Q).
 
-    Starts from a guess (Q,) of the points in contact. Where the active set goes round in circles the equivalent
-    least-squares problem with p >= 0 is solved instead, which always ends.
+    Starts from a guess (Q,) of the points in contact. Where the active set of a positive definite matrix goes round in
+    circles, the equivalent least-squares problem with p >= 0 is solved instead, which always ends.
+
+    Raises:
+        np.linalg.LinAlgError: the matrix is not what it is said to be, or, where it is not definite, no set was found
     """
     active = guess.copy()
     for _ in range(50):
         p = np.zeros(len(gap))
         if active.any():
             index = np.flatnonzero(active)
-            p[index] = scipy.linalg.solve(matrix[np.ix_(index, index)], -gap[index], assume_a="pos", check_finite=False)
+            p[index] = scipy.linalg.solve(matrix[np.ix_(index, index)], -gap[index], assume_a="pos" if definite else "sym",
+                                          check_finite=False)
         w = gap + matrix @ p
         following = np.where(active, p > 0, w < 0)
         if (following == active).all():
             return p
         active = following
+    if not definite:
+        raise np.linalg.LinAlgError("the points in contact could not be found")
     lower = np.linalg.cholesky(matrix)
     return scipy.optimize.nnls(lower.T, -scipy.linalg.solve_triangular(lower, gap, lower=True))[0]
 

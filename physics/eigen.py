@@ -134,6 +134,8 @@ def _direct(problem: Problem, count: int, unknowns: int) -> Pairs:
         words += ", refined in extended precision"
     full = np.zeros((len(values), len(problem.free)))
     full[:, problem.free] = [vector.array for vector in vectors]
+    for used in (inverse[1], inverse[0], *vectors, *(() if K is problem.stiffness else (K, M))):  # nobody else gives it back soon
+        used.destroy()
     return Pairs(values=values, vectors=full, residuals=residuals, zeros=int(is_zero.sum()), beyond=beyond, counted=counted,
                  floor=noise / reference, solver=words)
 
@@ -198,7 +200,9 @@ def _completed(K: PETSc.Mat, M: PETSc.Mat, inverse: Inverse, values: Floats, vec
         if below <= last + 1 and gaps.max() >= 1e-7:
             return values[:count], vectors[:count], float(values[count]), below == last + 1
         missing = max(1, below - last - 1)
-        _, more, others = _shift_invert(K, M, missing, shift, vectors)
+        another, more, others = _shift_invert(K, M, missing, shift, vectors)
+        for used in reversed(another):
+            used.destroy()
         every, both = np.concatenate([values, more]), vectors + others
         order = np.argsort(every, kind="stable")
         values, vectors = every[order], [both[i] for i in order]
@@ -308,6 +312,8 @@ def _multigrid(problem: Problem, count: int, unknowns: int) -> Pairs:
     residuals = _residuals(K, M, values, vectors, np.where(is_zero, reference, abs(values)))
     values = values / unit
     full = np.array([np.where(problem.free, vector.array, 0.0) for vector in vectors[:count]]) / np.sqrt(unit)
+    for used in (solver, A, K, M, *vectors, *basis):
+        used.destroy()
     return Pairs(values=values[:count], vectors=full, residuals=residuals[:count], zeros=int(is_zero[:count].sum()),
                  beyond=float(values[count]) if wanted > count else float("nan"), counted=False, floor=noise / reference,
                  solver=words)

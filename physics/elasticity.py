@@ -81,7 +81,7 @@ class Elasticity:
         self._stiffness(self.cells, self._points, u, self._constants, out, slot)
 
     def mass(self) -> PETSc.Mat:
-        """Consistent mass matrix in dolfinx's order, no component held."""
+        """Consistent mass matrix in dolfinx's order, no component held; the caller destroys it."""
         v, w = ufl.TestFunction(self.space.V), ufl.TrialFunction(self.space.V)
         density = self.space.constant(self.material.density)
         dx = ufl.dx(metadata={"quadrature_degree": fem.MASS_DEGREE[self.mesh.cell]})
@@ -94,6 +94,7 @@ class Elasticity:
         right, left = mass.createVecs()
         right.array[:] = self.space.to_dofs(np.broadcast_to(acceleration, self.mesh.points.shape))
         mass.mult(right, left)
+        mass.destroy()
         return self.space.from_dofs(left.array)
 
 

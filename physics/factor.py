@@ -2,7 +2,8 @@
 
 A beam whose nodes are numbered along its axis has a stiffness of narrow band b: LAPACK's banded Cholesky then needs n b^2
 operations and each solve passes twice through n b numbers, less than any general sparse method, whose ordering has to
-find out what the numbering says. Where the band is wide, or the stiffness is not positive definite, MUMPS takes over.
+find out what the numbering says. Where the band is wide, or the stiffness is not positive definite (a body under pressure
+may be held by the obstacle alone), MUMPS takes over.
 
 Legend: N nodes, n = 3 N unknowns, C cells.
 """
@@ -21,7 +22,8 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from physics.elasticity import Elasticity
 
 Floats = NDArray[np.float64]
-WIDEST_BAND = 450  # past this the general method is faster (benchmarks/equilibrium.py)
+WIDEST_BAND = 800  # past this the general method is faster: for beams between 15 k and 35 k nodes
+LARGEST_BAND = 250_000_000  # numbers in it: 2 GB
 
 
 class NotPositiveDefinite(ArithmeticError):
@@ -32,6 +34,7 @@ class Factor(Protocol):
     """What both kinds of factors do; held components are zero in every solution."""
 
     name: str
+    negative: int  # eigenvalues of the factored stiffness below zero
 
     def update(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3). Raises `NotPositiveDefinite` when that fails."""
@@ -46,7 +49,8 @@ class Factor(Protocol):
 def factor_for(elasticity: Elasticity) -> Factor:
     """The factor that suits a body: banded when its nodes can be numbered so that the band is narrow."""
     order, band = narrowest_order(elasticity)
-    return BandFactor(elasticity, order, band) if band <= WIDEST_BAND else SparseFactor(elasticity)
+    narrow = band <= WIDEST_BAND and band * elasticity.mesh.points.size <= LARGEST_BAND
+    return BandFactor(elasticity, order, band) if narrow else SparseFactor(elasticity)
 
 
 def narrowest_order(elasticity: Elasticity) -> tuple[NDArray[np.int64], int]:
@@ -75,6 +79,7 @@ class BandFactor:
     """LAPACK's banded Cholesky factor, assembled in place."""
 
     name = "banded Cholesky (LAPACK)"
+    negative = 0
 
     def __init__(self, elasticity: Elasticity, place: NDArray[np.int64], band: int) -> None:
         self.elasticity, self.band = elasticity, band
@@ -128,6 +133,7 @@ class SparseFactor:
         self._pc.setType("cholesky")
         self._pc.setFactorSolverType("mumps")
         self._vectors: tuple[PETSc.Vec, PETSc.Vec] | None = None
+        self.negative = 0
 
     def update(self, u: Floats) -> None:
         matrix = self.elasticity.stiffness(u)
@@ -135,8 +141,12 @@ class SparseFactor:
         self._pc.setOperators(matrix)
         try:
             self._pc.setUp()
+            failed = self._pc.getFactorMatrix().getMumpsInfog(1) < 0
         except PETSc.Error:
-            raise NotPositiveDefinite("the stiffness cannot be factored") from None
+            failed = True
+        if failed:
+            raise NotPositiveDefinite("the stiffness cannot be factored")
+        self.negative = int(self._pc.getFactorMatrix().getMumpsInfog(12))  # negative pivots
         self._vectors = self._vectors or matrix.createVecs()
 
     def solve(self, force: Floats) -> Floats:

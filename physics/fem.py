@@ -16,6 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import ffcx
+import ffcx.compiler
 import numpy as np
 import ufl
 from dolfinx import __version__, fem
@@ -31,6 +33,7 @@ Floats = NDArray[np.float64]
 # A crash shall be a crash: PETSc's handler of signals may wait forever for a lock that the crash left behind.
 PETSc.Sys.popSignalHandler()
 
+FFCX_VERSION = ffcx.__version__
 OLD = tuple(int(part) for part in __version__.split(".")[:2]) < (0, 8)
 
 # dolfinx lists the corners of a hexahedron as a tensor product, gmsh and VTK go round each face.
@@ -82,15 +85,24 @@ def _quiet() -> Iterator[None]:
         logging.disable(logging.NOTSET)
 
 
-def ffcx_options() -> dict[str, Any]:
-    """FFCx's options, all at their defaults."""
+def cell_function(form: Any) -> str:
+    """FFCx's C function that tabulates a form on one cell."""
     if OLD:
         from ffcx.parameters import get_parameters
 
-        return dict(get_parameters())
-    from ffcx.options import get_options
+        options = {"parameters": get_parameters()}
+    else:
+        from ffcx.options import get_options
 
-    return dict(get_options())
+        options = {"options": get_options()}
+    code = ffcx.compiler.compile_ufl_objects([form], prefix="fidelity", **options)[1]
+    start = code.index("void tabulate_tensor")
+    depth = 0
+    for position in range(code.index("{", start), len(code)):
+        depth += {"{": 1, "}": -1}.get(code[position], 0)
+        if depth == 0:
+            return str(code[start:position + 1])
+    raise RuntimeError("FFCx wrote a function without an end")
 
 
 def symbols(cell: str) -> tuple[Any, Any]:
@@ -271,7 +283,9 @@ def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
         lists = (V.dofmap.list.array if OLD else V.dofmap.list.ravel() for V in (scalars, space.V))
         if np.array_equal(*lists):
             u, v = ufl.TrialFunction(scalars), ufl.TestFunction(scalars)
-            rows, columns, values = matrix(fem.Constant(space.domain, PETSc.ScalarType(density)) * u * v * dx).getValuesCSR()
+            alone = matrix(space.constant(density) * u * v * dx)
+            rows, columns, values = alone.getValuesCSR()
+            alone.destroy()
             starts, others, _ = like.getValuesCSR()
             if len(others) == D * D * len(columns):
                 length = np.diff(rows)

@@ -20,8 +20,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import ffcx
-import ffcx.compiler
 import numpy as np
 from numpy.typing import NDArray
 
@@ -121,19 +119,6 @@ def _pointer(array: NDArray[Any]) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-def _tabulate(form: Any) -> str:
-    """FFCx's function for one cell."""
-    options = {"parameters": fem.ffcx_options()} if fem.OLD else {"options": fem.ffcx_options()}
-    code = ffcx.compiler.compile_ufl_objects([form], prefix="fidelity", **options)[1]
-    start = code.index("void tabulate_tensor")
-    depth = 0
-    for position in range(code.index("{", start), len(code)):
-        depth += {"{": 1, "}": -1}.get(code[position], 0)
-        if depth == 0:
-            return str(code[start:position + 1])
-    raise RuntimeError("FFCx wrote a function without an end")
-
-
 def _packed(function: str) -> str:
     """The function with packs for all numbers that vary from cell to cell; tables and constants of the form stay numbers."""
     body = function.index("{")
@@ -146,11 +131,11 @@ def _library(form: Any, loops: str) -> ctypes.CDLL:
     """The compiled kernel of a form, from the cache of this processor or into it."""
     folder = fem.cache_folder()
     folder.mkdir(parents=True, exist_ok=True)
-    key = hashlib.sha256("\n".join([ffcx.__version__, form.signature(), *fem.COMPILE, PACK, loops]).encode()).hexdigest()[:32]
+    key = hashlib.sha256("\n".join([fem.FFCX_VERSION, form.signature(), *fem.COMPILE, PACK, loops]).encode()).hexdigest()[:32]
     library = folder / f"kernel_{key}.so"
     if not library.exists():
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
-            (Path(scratch) / "kernel.cpp").write_text(PACK + _packed(_tabulate(form)) + loops)
+            (Path(scratch) / "kernel.cpp").write_text(PACK + _packed(fem.cell_function(form)) + loops)
             command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp"]
             made = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
             if made.returncode:

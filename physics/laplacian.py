@@ -88,6 +88,8 @@ def laplacian_modes(body: Body, *, count: int = 10, dirichlet: Sequence[str] | N
                       scale=float((np.pi / np.ptp(mesh.points, axis=0).max()) ** 2), dimension=mesh.dimension,
                       near_null=np.ones((1, space.owned)))
     pairs = lowest_pairs(problem, count, method=method)
+    for matrix in (stiffness, mass):  # dolfinx hands out matrices that nobody else destroys
+        matrix.destroy()
     shapes = np.stack([space.gather(vector)[:, 0] for vector in pairs.vectors])
     sign = np.where(np.take_along_axis(shapes, abs(shapes).argmax(axis=1)[:, None], axis=1) < 0, -1.0, 1.0)
     return LaplacianModes(mesh=mesh, eigenvalues=pairs.values, shapes=shapes * sign, residuals=pairs.residuals, dirichlet=where,

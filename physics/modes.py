@@ -103,6 +103,8 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
     weighted = _times(problem.mass, motions)
     participation = space.comm.allreduce(pairs.vectors @ weighted.T)
     free_mass = space.comm.allreduce((motions * weighted).sum(axis=1))
+    for matrix in (problem.stiffness, problem.mass):  # dolfinx hands out matrices that nobody else destroys
+        matrix.destroy()
     shapes = np.stack([np.pad(space.gather(vector), ((0, 0), (0, 3 - mesh.dimension))) for vector in pairs.vectors])
     largest = np.take_along_axis(shapes.reshape(count, -1), abs(shapes).reshape(count, -1).argmax(axis=1)[:, None], axis=1)
     sign = np.where(largest < 0, -1.0, 1.0)  # (m, 1)
@@ -166,7 +168,7 @@ def remarks(pairs: Pairs, problem: Problem, mesh: Mesh) -> tuple[str, ...]:
         said.append(f"the last is one of {problem.zeros} zeros: ask for {problem.zeros} to have them all")
     elif pairs.beyond - upper <= 0.02 * pairs.beyond:
         said.append(f"the last {'cluster' if len(last) > 1 else 'one'} is cut: the next eigenvalue is {pairs.beyond:.6g}, "
-                    f"{100 * (pairs.beyond / upper - 1):.2g} % above the last; ask for more to have the whole cluster")
+                    f"{100 * (1 - upper / pairs.beyond):.2g} % above the last; ask for more to have the whole cluster")
     if pairs.zeros > problem.zeros:
         said.append(f"{pairs.zeros} eigenvalues are zero, {problem.zeros} were expected: parts of the mesh hang together too loosely")
     if pairs.residuals.max() > GOAL:

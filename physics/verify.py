@@ -1,9 +1,11 @@
 """A predicted trajectory held against finite elements: against a reference trajectory, and against the equations.
 
-Against the reference: root mean square errors, mesh quality (quality.py). Against the equations, needing no reference:
+Against the reference: root mean square errors, mesh quality (quality.py), energy and reaction. Against the equations,
+needing no reference:
 - residual force: what is missing to equilibrium at each frame, f(u) - b - sum_q p_q n_q on the free components, for the
   contact forces p >= 0 at touching points that leave the least of it (a non-negative least-squares problem). A point
   touches when its gap is below TOUCHING cell sizes. The reference for its size is the largest reaction of the trajectory.
+- estimated error: one Newton step from the prediction, contact included, is about what it lacks to the equilibrium nearby.
 - penetration of the obstacle, smallest det F and inverted cells.
 A frame of an FE solution scores the solver's tolerance, or the rounding of the file that it was stored in.
 
@@ -20,8 +22,9 @@ import scipy.optimize
 from numpy.typing import ArrayLike, NDArray
 
 from physics import quality
-from physics.equilibrium import Path
+from physics.balance import Balance
 from physics.mesh import Mesh
+from physics.newton import Newton, NoEquilibrium
 from physics.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -43,41 +46,60 @@ class Fidelity:
     mc: float  # mean over steps of the error of mesh continuity
     ar: float  # mean over steps of the error of aspect ratio
     relative_residual: float  # root mean square over the checked frames of |R| / largest reaction
+    energy_error: float  # root mean square over the checked frames, over the largest energy of the reference
+    reaction_error: float  # root mean square over the checked frames, over the largest reaction of the reference
+    estimated_error: float  # free nodes, root mean square over the checked frames; infinite where no step can be made
     largest_penetration: float
     smallest_det_f: float
     inverted_elements: int  # in the worst frame
     worst_step: int  # with the largest error of free nodes
 
 
+@dataclass(frozen=True)
+class Frame:
+    """What the equations say about one frame."""
+
+    residual: float  # [N] missing to equilibrium on free components
+    reaction: Floats  # (3,) [N] of the body on the obstacle; without one, on its supports
+    energy: float  # [J] stored
+
+
 class Checker:
     """The equations of one scene, ready to check any displacement of its body."""
 
     def __init__(self, scene: Scene, mesh: Mesh) -> None:
-        self.path = Path(scene, mesh)
+        self.balance = Balance(scene, mesh)
+        self._newton = Newton(self.balance)
 
-    def residual(self, u: Floats, fraction: float) -> tuple[float, float]:
-        """|R| and |reaction| [N] of displacements (N, 3) at a fraction of the loading."""
-        path = self.path
-        force = path.elasticity.force(u) - fraction * path.load
-        free = ~path.fixed
-        missing, reaction = force[free], np.zeros(3)
-        if path.contact is not None and np.isfinite(force).all():
-            zone = path.contact.zone(u, path.contact.obstacle.position(fraction), TOUCHING * path.size)
-            if len(zone.points):
-                _, normal = zone.gaps(u, path.contact.obstacle.position(fraction))
-                movable = free[zone.nodes]  # (m, 3)
-                points, nodes = np.arange(len(zone.points)), np.arange(len(zone.nodes))
-                pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
-                p = scipy.optimize.nnls(pull, force[zone.nodes][movable])[0]
-                force[zone.nodes] -= zone.forces(p, normal)
-                missing, reaction = force[free], -p @ normal
-        elif path.contact is None:
-            reaction = force[path.fixed]
-        return float(np.linalg.norm(missing)), float(np.linalg.norm(reaction))
+    def frame(self, u: Floats, fraction: float) -> Frame:
+        """Displacements (N, 3) at a fraction of the loading, held against the equations."""
+        balance = self.balance
+        force = balance.elasticity.force(u) - fraction * balance.load
+        free, energy = ~balance.fixed, balance.elasticity.energy(u)
+        if balance.contact is None:
+            return Frame(float(np.linalg.norm(force[free])), -force[balance.bearing].sum(axis=0), energy)
+        reaction, centre = np.zeros(3), balance.contact.obstacle.position(fraction)
+        zone = balance.contact.zone(u, centre, TOUCHING * balance.size)
+        if len(zone.points) and np.isfinite(force).all():
+            _, normal = zone.gaps(u, centre)
+            movable = free[zone.nodes]  # (m, 3)
+            points, nodes = np.arange(len(zone.points)), np.arange(len(zone.nodes))
+            pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
+            p = scipy.optimize.nnls(pull, force[zone.nodes][movable])[0]
+            force[zone.nodes] -= zone.forces(p, normal)
+            reaction = -p @ normal
+        return Frame(float(np.linalg.norm(force[free])), reaction, energy)
+
+    def correction(self, u: Floats, fraction: float) -> Floats:
+        """(N, 3) one Newton step from displacements (N, 3), contact included; infinite where none can be made."""
+        try:
+            return self._newton.correction(fraction, u)
+        except NoEquilibrium:
+            return np.full_like(u, np.inf)
 
     def penetration(self, u: Floats, fraction: float) -> float:
         """Largest penetration [m] of the obstacle at displacements (N, 3)."""
-        contact = self.path.contact
+        contact = self.balance.contact
         if contact is None:
             return 0.0
         return max(0.0, -float(contact.gaps(u, contact.obstacle.position(fraction))[0].min()))
@@ -102,8 +124,11 @@ def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene, mesh: M
 
     checker = Checker(scene, mesh)
     frames = np.unique(np.linspace(1, steps, min(steps, sample or steps)).round().astype(int))
-    missing = np.array([checker.residual(u[t], t / steps)[0] for t in frames])
-    reaction = max(checker.residual(truth[t], t / steps)[1] for t in frames)
+    found = [checker.frame(u[t], t / steps) for t in frames]
+    due = [checker.frame(truth[t], t / steps) for t in frames]
+    reaction = max(float(np.linalg.norm(frame.reaction)) for frame in due) or 1.0
+    energy = max(frame.energy for frame in due) or 1.0
+    lacking = np.array([checker.correction(u[t], t / steps)[free] for t in frames])
     cells = (mesh.cells, mesh.cell)
     return Fidelity(
         rmse_1=quality.rmse(first, of_first, free), rmse_50=quality.rmse(u[1:51], truth[1:51], free),
@@ -113,11 +138,20 @@ def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene, mesh: M
         gf_c=float(np.mean([quality.chamfer(a, b) for a, b in zip(predicted, true, strict=True)])),
         mc=float(np.mean(quality.mesh_continuity_error(predicted, true, *cells))),
         ar=float(np.mean(quality.aspect_ratio_error(predicted, true, *cells))),
-        relative_residual=float(np.sqrt(np.mean(missing**2)) / reaction) if reaction > 0 else float(missing.max()),
+        relative_residual=_rms([frame.residual for frame in found]) / reaction,
+        energy_error=_rms([a.energy - b.energy for a, b in zip(found, due, strict=True)]) / energy,
+        reaction_error=_rms([np.linalg.norm(a.reaction - b.reaction) for a, b in zip(found, due, strict=True)]) / reaction,
+        estimated_error=_rms(np.linalg.norm(lacking, axis=2)),
         largest_penetration=max(checker.penetration(u[t], t / steps) for t in range(1, steps + 1)),
         smallest_det_f=float(quality.smallest_det_f(mesh.points, u, *cells).min()),
         inverted_elements=int(quality.inverted_cells(mesh.points, u, *cells).max()),
         worst_step=int(np.argmax(error)))
+
+
+def _rms(values: ArrayLike) -> float:
+    """Root mean square; infinite where something is not a number, as beyond a cell turned inside out."""
+    value = float(np.sqrt(np.mean(np.square(values))))
+    return value if np.isfinite(value) else float("inf")
 
 
 def as_table(fidelity: Fidelity) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The equilibria of a scene by plain full Newton, without any shortcut: what the path-following solver is held against.
+"""The equilibria of a scene by plain full Newton, without any shortcut: what the balance-following solver is held against.
 
 At each step, from the last state: assemble the whole tangent of the potential W(u) - b.u + sum_q <-g_q>^2 / (2 c_q), factor
 it, halve the step until the potential falls, and so on until the residual force is negligible. It shares the energy and the
@@ -10,30 +10,39 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from physics.equilibrium import Path
+from physics.balance import Balance
 from physics.mesh import build_mesh
 
 
-def solve(scene, *, tolerance=1e-9):
-    """(T, N, 3) displacements of all steps; the residual is below `tolerance` of the reaction at every one."""
+def solve(scene, *, tolerance=1e-9, elasticity=None, steps=None, soften=1.0, halve=True):
+    """(T, N, 3) displacements of all steps, or the first ones; the residual is below `tolerance` of the reaction at each.
+
+    elasticity: makes another assembly of the same body from the solver's own
+    soften: makes contact softer by this factor, which Newton's method likes and the penetration does not
+    halve: False takes every step whole, which soft contact allows
+    """
     mesh = build_mesh(scene.body)
-    path = Path(scene, mesh)
-    space, contact, fixed = path.elasticity.space, path.contact, space_mask(path)
+    balance = Balance(scene, mesh)
+    if elasticity is not None:
+        balance.elasticity = elasticity(balance.elasticity)
+    if balance.contact is not None:
+        balance.contact.softness = balance.contact.softness * soften
+    space, contact = balance.elasticity.space, balance.contact
     u, frames = np.zeros_like(mesh.points), [np.zeros_like(mesh.points)]
-    for step in range(1, scene.steps.count + 1):
+    for step in range(1, (steps or scene.steps.count) + 1):
         fraction = step / scene.steps.count
-        u = np.where(path.fixed, fraction * path.target, u)
+        u = np.where(balance.fixed, fraction * balance.target, u)
         for _ in range(100):
-            gradient, hessian = derivatives(path, u, fraction)
-            reaction = np.linalg.norm(contact_force(path, u, fraction).sum(axis=0)) if contact else 0.0
-            scale = reaction or np.linalg.norm(gradient[path.fixed])
-            free = space.to_dofs(np.where(path.fixed, 0.0, gradient))
-            if np.linalg.norm(free) <= max(tolerance * scale, path.floor):
+            gradient, hessian = derivatives(balance, u, fraction)
+            reaction = np.linalg.norm(contact_force(balance, u, fraction).sum(axis=0)) if contact else 0.0
+            scale = reaction or np.linalg.norm(gradient[balance.fixed])
+            free = space.to_dofs(np.where(balance.fixed, 0.0, gradient))
+            if np.linalg.norm(free) <= max(tolerance * scale, balance.floor):
                 break
-            direction = space.from_dofs(solve_linear(hessian, -free, fixed))
-            length, before = 1.0, potential(path, u, fraction)
+            direction = space.from_dofs(solve_linear(hessian, -free))
+            length, before = 1.0, potential(balance, u, fraction) if halve else 0.0
             # A fall below the rounding of the potential, eps (|W| + |b.u|), cannot be told from none.
-            while not potential(path, u + length * direction, fraction) <= before + 1e-9 * abs(before) and length > 1e-4:
+            while halve and not potential(balance, u + length * direction, fraction) <= before + 1e-9 * abs(before) and length > 1e-4:
                 length /= 2
             u = u + length * direction
         else:
@@ -42,51 +51,46 @@ def solve(scene, *, tolerance=1e-9):
     return np.array(frames)
 
 
-def space_mask(path):
-    """(3 N,) True on held degrees of freedom."""
-    return path.elasticity.space.to_dofs(path.fixed.astype(float)) > 0
+def contact_force(balance, u, fraction):
+    gap, normal = balance.contact.gaps(u, balance.contact.obstacle.position(fraction))
+    return balance.contact.forces(np.maximum(-gap, 0) / balance.contact.softness, normal)
 
 
-def contact_force(path, u, fraction):
-    gap, normal = path.contact.gaps(u, path.contact.obstacle.position(fraction))
-    return path.contact.forces(np.maximum(-gap, 0) / path.contact.softness, normal)
-
-
-def potential(path, u, fraction):
-    value = path.elasticity.energy(u) - fraction * (path.load * u).sum()
-    if path.contact is not None:
-        gap, _ = path.contact.gaps(u, path.contact.obstacle.position(fraction))
-        value += (np.maximum(-gap, 0) ** 2 / (2 * path.contact.softness)).sum()
+def potential(balance, u, fraction):
+    value = balance.elasticity.energy(u) - fraction * (balance.load * u).sum()
+    if balance.contact is not None:
+        gap, _ = balance.contact.gaps(u, balance.contact.obstacle.position(fraction))
+        value += (np.maximum(-gap, 0) ** 2 / (2 * balance.contact.softness)).sum()
     return value
 
 
-def derivatives(path, u, fraction):
+def derivatives(balance, u, fraction):
     """Gradient (N, 3) of the potential and its Hessian (3 N, 3 N) in dolfinx's order."""
-    gradient = path.elasticity.force(u) - fraction * path.load
-    indptr, indices, values = path.elasticity.stiffness(u).getValuesCSR()
+    gradient = balance.elasticity.force(u) - fraction * balance.load
+    indptr, indices, values = balance.elasticity.stiffness(u).getValuesCSR()
     hessian = scipy.sparse.csr_matrix((values, indices, indptr))
-    if path.contact is not None:
-        gradient = gradient - contact_force(path, u, fraction)
-        hessian = hessian + contact_hessian(path, u, fraction)
+    if balance.contact is not None:
+        gradient = gradient - contact_force(balance, u, fraction)
+        hessian = hessian + contact_hessian(balance, u, fraction)
     return gradient, hessian
 
 
-def contact_hessian(path, u, fraction):
-    contact = path.contact
+def contact_hessian(balance, u, fraction):
+    contact = balance.contact
     gap, normal = contact.gaps(u, contact.obstacle.position(fraction))
     touched = np.flatnonzero(gap < 0)
+    weights = contact.surface.weights[touched]
+    nodes = np.unique(weights.indices)
+    gradient = (weights[:, nodes].toarray()[:, :, None] * normal[touched][:, None, :]).reshape(len(touched), 3 * len(nodes))  # (q, 3 n)
     # The curvature of the obstacle is left out: it takes away from the stiffness, and the step would no longer lead downhill.
-    block = np.einsum("qi,qj->qij", normal[touched], normal[touched]) / contact.softness[touched, None, None]
-    weights = scipy.sparse.kron(contact.surface.weights[touched], scipy.sparse.identity(3), format="csr")
-    by_node = weights.T @ scipy.sparse.block_diag(list(block) or [np.zeros((0, 0))]) @ weights
-    order = path.elasticity.space.dofs.ravel()
-    to_dofs = scipy.sparse.csr_matrix((np.ones(len(order)), (order, np.arange(len(order)))))
-    return to_dofs @ by_node @ to_dofs.T
+    block = gradient.T @ (gradient / contact.softness[touched, None])
+    dofs, size = balance.elasticity.space.dofs[nodes].ravel(), u.size
+    rows, columns = np.broadcast_arrays(dofs[:, None], dofs)
+    return scipy.sparse.csr_matrix((block.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
 
 
-def solve_linear(hessian, right, fixed):
-    keep = scipy.sparse.diags((~fixed).astype(float))
-    hessian = (keep @ hessian @ keep + scipy.sparse.diags(fixed.astype(float))).tocsr()
+def solve_linear(hessian, right):
+    # Held rows and columns are those of the identity already; contact adds to none, for held nodes are not in contact.
     matrix = PETSc.Mat().createAIJ(hessian.shape, csr=(hessian.indptr, hessian.indices, hessian.data), comm=PETSc.COMM_SELF)
     pc = PETSc.PC().create(PETSc.COMM_SELF)
     pc.setOperators(matrix)

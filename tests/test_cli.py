@@ -115,6 +115,10 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
     assert result["steps"] == 4
     result = run_json(capsys, "rollout", trained, first, "--out", tmp_path / "p.vtkhdf")
     assert result["steps"] == 10 and result["rmse_all"] > 0
+    result = run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first, "--out", tmp_path / "verified")
+    assert result["rmse_all"] == pytest.approx(run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first)["rmse_all"])
+    assert {"rmse_1_pooled", "gf_h", "energy_error", "reaction_error", "estimated_error", "worst_step"} <= result.keys()
+    assert (tmp_path / "verified" / "worst.png").stat().st_size > 1000
     result = run_json(capsys, "view", tmp_path / "p.vtkhdf", "--out", tmp_path / "film.gif")
     assert result["pictures"] == 11 and (tmp_path / "film.gif").stat().st_size > 10_000
     with h5py.File(first, "r+") as file:

@@ -13,7 +13,7 @@ import pytest
 from datagen.generate import trajectory_of
 from datagen.trajectory import write_trajectory
 from learning.config import TrainConfig
-from learning.evaluate import REFERENCE, RUNGS, _Measured, evaluate
+from learning.evaluate import HYBRID, REFERENCE, RUNGS, _Measured, evaluate
 from learning.m4gn import M4GNConfig
 from learning.pareto import front
 from learning.report import write_report
@@ -193,7 +193,7 @@ def test_evaluate_writes_the_whole_folder(tmp_path):
     names = {path.name for path in (tmp_path / "report").iterdir()}
     assert names == {"report.html", "report.md", "report.json", "table.csv", "pareto.png", "frame_beam.png"}
     rows = {row["name"]: row["scores"] for row in result["rows"]}
-    assert list(rows) == ["M4GN", "nothing moves", "keep the last velocity", *RUNGS, REFERENCE]
+    assert list(rows) == ["M4GN", HYBRID, "nothing moves", "keep the last velocity", *RUNGS, REFERENCE]
     assert rows[REFERENCE]["rmse_all"] == 0
     assert rows[REFERENCE]["relative_residual"] < 1e-3  # of the 32-bit numbers in the file
     errors = [rows[name]["rmse_all"] for name in (*RUNGS, "nothing moves")]

@@ -96,3 +96,13 @@ def test_complementarity_problem_is_solved_exactly(seed):
     again = scipy.optimize.minimize(lambda x: x @ matrix @ x / 2 + gap @ x, np.ones(30), jac=lambda x: matrix @ x + gap,
                                     bounds=[(0, None)] * 30, method="L-BFGS-B", options={"maxiter": 10000})
     assert p @ matrix @ p / 2 + gap @ p <= again.fun + 1e-9
+
+
+def test_indefinite_problems_find_the_set_that_holds():
+    """Two points, one of which is drawn in by the body: the set with p >= 0 and w >= 0, found by trying all four."""
+    matrix, gap = np.array([[-1.0, 0.2], [0.2, 2.0]]), np.array([0.5, -1.0])
+    p = solve_complementarity(matrix, gap, np.array([True, True]), definite=False)
+    w = gap + matrix @ p
+    assert p.min() >= 0 and w.min() >= -1e-12 and abs(p * w).max() < 1e-12
+    with pytest.raises(np.linalg.LinAlgError):
+        solve_complementarity(matrix, gap, np.array([True, True]))

@@ -1,13 +1,18 @@
 """The path-following solver: against plain Newton, against energy, against theory, and where it has to give up."""
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from datagen.family import draw, load_family
-from physics import equilibrium
-from physics.equilibrium import TOLERANCE, cell_size, solve
+from physics import newton
+from physics.balance import Balance, cell_size
+from physics.equilibrium import Path, solve
+from physics.factor import BandFactor, NotPositiveDefinite, SparseFactor, narrowest_order
+from physics.mesh import build_mesh
+from physics.newton import TOLERANCE
 from physics.schema import InputError
 from tests import plain_newton
 from tests.scenes import beam, pressed
@@ -107,4 +112,97 @@ def test_scenes_without_a_solution_are_refused():
 
 def test_the_same_scene_gives_the_same_bits():
     assert np.array_equal(solve(pressed()).displacement, solve(pressed()).displacement)
-    assert equilibrium.REFACTOR_COST == 8  # a measured time in its place would break this
+    assert newton.REFACTOR_COST == 8  # a measured time in its place would break this
+
+
+def work_of_obstacle(scene, solution):
+    """Work [J] of the obstacle on a straight path, by the trapezoidal rule."""
+    start, end = (np.array(point) for point in scene.obstacle.path)
+    push = -(solution.reaction @ (end - start)) / scene.steps.count
+    return np.sum((push[1:] + push[:-1]) / 2)
+
+
+def test_block_squeezed_by_half():
+    """Its stiffness alone turns indefinite on the way; the obstacle is what holds it."""
+    scene = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [5, 5, 5]}, support=[{"where": "z-min", "fixed": "xyz"}],
+                 obstacle={"shape": "half-space", "normal": [0.0, 0.0, -1.0], "path": [[0.0, 0.0, 0.0201], [0.0, 0.0, 0.01]]},
+                 steps={"count": 100})
+    solution = solve(scene)
+    assert not solution.failure
+    assert solution.displacement[-1, :, 2].min() == pytest.approx(-0.01, abs=1e-6)
+    assert solution.smallest_det_f.min() > 0 and solution.penetration.max() < 1e-4 * cell_size(solution.mesh)
+    assert work_of_obstacle(scene, solution) == pytest.approx(solution.energy[-1], rel=1e-2)
+
+
+@pytest.mark.parametrize("poisson_ratio", [0.49, 0.499, 0.4999])
+def test_nearly_incompressible_bodies_stay_in_equilibrium(poisson_ratio):
+    """First-order cells lock then, and are far too stiff; but what they say is still an equilibrium of theirs."""
+    scene = pressed(material={"young_modulus": 1e6, "poisson_ratio": poisson_ratio}, steps={"count": 60})
+    solution = solve(scene)
+    assert not solution.failure
+    assert solution.relative_residual.max() <= TOLERANCE
+    assert work_of_obstacle(scene, solution) == pytest.approx(solution.energy[-1], rel=1e-2)
+
+
+def test_every_shape_of_obstacle_presses():
+    """Obstacles that touch with the same width bend a beam with about the same force, without penetration."""
+    shapes = {"capsule": {"shape": "capsule", "radius": 0.01, "length": 0.06},
+              "box": {"shape": "box", "size": [0.02, 0.06, 0.02], "radius": 0.0099}, "cylinder": {"shape": "cylinder", "radius": 0.01}}
+    reaction = {}
+    for name, obstacle in shapes.items():
+        solution = solve(pressed(obstacle={**obstacle, "path": [[0.05, 0.01, 0.0305], [0.05, 0.01, 0.0205]]}))
+        assert not solution.failure and solution.penetration.max() < 1e-4 * cell_size(solution.mesh)
+        reaction[name] = solution.reaction[-1, 2]
+    assert reaction["capsule"] == pytest.approx(reaction["cylinder"], rel=1e-9)  # its ends lie outside of the beam
+    assert reaction["box"] == pytest.approx(reaction["cylinder"], rel=2e-2)  # rounded almost to a cylinder
+
+
+@pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
+def test_both_factors_solve_the_same(cell):
+    """Banded and sparse: the same solutions and the same compliance, held components at rest."""
+    scene = beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [8, 3, 3], "cell": cell})
+    balance = Balance(scene, build_mesh(scene.body))
+    banded, sparse = BandFactor(balance.elasticity, *narrowest_order(balance.elasticity)), SparseFactor(balance.elasticity)
+    rng = np.random.default_rng(0)
+    u = np.where(balance.fixed, 0, rng.uniform(-1e-4, 1e-4, balance.fixed.shape))
+    force, nodes = rng.normal(size=u.shape), np.array([3, 40, 100, 143])
+    for factor in (banded, sparse):
+        factor.update(u)
+    scale = abs(sparse.solve(force)).max()
+    assert banded.solve(force) == pytest.approx(sparse.solve(force), abs=1e-9 * scale)
+    assert not banded.solve(force)[balance.fixed].any() and not sparse.solve(force)[balance.fixed].any()
+    assert banded.compliance(nodes) == pytest.approx(sparse.compliance(nodes), abs=1e-9 * abs(sparse.compliance(nodes)).max())
+    assert banded.negative == sparse.negative == 0
+    squeezed = -0.6 * balance.mesh.points * [0, 0, 1]  # pressed flat everywhere: no state to stand still in by itself
+    with pytest.raises(NotPositiveDefinite):
+        banded.update(squeezed)
+    sparse.update(squeezed)
+    assert sparse.negative > 0
+
+
+def cooks_membrane(across, shear, material):
+    """Deflection of the upper right corner in plane strain, one first-order hexahedron thick."""
+    scene = beam(
+        body={"length": 1.0, "width": 1.0, "height": 1.0, "cells": [across, across, 1], "cell": "hexahedron"},
+        material=material, steps={"count": 10},
+        support=[{"where": "x-min", "fixed": "xy"}, {"where": "z-min", "fixed": "z"}, {"where": "z-max", "fixed": "z"}],
+        load=[{"where": "x-max", "traction": [0.0, shear, 0.0]}])
+    square = build_mesh(scene.body)
+    x, y, z = square.points.T
+    path = Path(scene, replace(square, points=np.stack([48 * x, 44 * x + y * (44 - 28 * x), z], axis=1)))
+    for step in range(1, 11):
+        state = path.advance(step / 10)
+    return state.u[(x == 1) & (y == 1), 1]
+
+
+@pytest.mark.parametrize("across, expected", [(8, 11.213), (16, 11.929), (32, 12.160)])
+def test_cooks_membrane_as_another_code_has_it(across, expected):
+    found = cooks_membrane(across, 0.05, {"young_modulus": 1.0, "poisson_ratio": 0.4})
+    assert found == pytest.approx(expected, abs=6e-4)  # printed with three decimals
+
+
+def test_cooks_membrane_locks_when_nearly_incompressible():
+    """First-order cells lock: 2.86, as another code's do, instead of about 6.9. Known, and no secret."""
+    bulk, shear = 400889.8, 80.1938
+    material = {"young_modulus": 9 * bulk * shear / (3 * bulk + shear), "poisson_ratio": (3 * bulk - 2 * shear) / (6 * bulk + 2 * shear)}
+    assert cooks_membrane(32, 6.25, material) == pytest.approx(2.86, abs=6e-3)

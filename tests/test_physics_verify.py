@@ -1,10 +1,13 @@
 """A prediction held against FE: the truth scores nothing, every kind of error is caught by the figure made for it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from physics.equilibrium import TOLERANCE, solve
-from physics.verify import verify
+from physics.equilibrium import solve
+from physics.newton import TOLERANCE
+from physics.verify import Checker, verify
 from tests.scenes import pressed
 
 
@@ -60,3 +63,44 @@ def test_a_node_pulled_through_its_cell_is_counted(case):
     fidelity = check(case, u)
     assert fidelity.inverted_elements > 0 and fidelity.smallest_det_f < 0
     assert fidelity.worst_step == 7
+    assert fidelity.energy_error == fidelity.estimated_error == np.inf  # the law has no energy there
+
+
+def test_estimated_error_is_about_the_error_of_a_small_disturbance(case):
+    """Every step is bent a little along a smooth field: one Newton step leads back to the equilibrium."""
+    _, solution, free = case
+    x = solution.mesh.points
+    bent = np.zeros_like(x)
+    bent[:, 1] = 1e-4 * (x[:, 0] / 0.06) ** 2  # sideways, where no contact holds the beam
+    fidelity = check(case, solution.displacement + np.where(free[:, None], bent, 0) * (np.arange(21) > 0)[:, None, None])
+    # Newton's method is quadratic: a disturbance of 1e-4 of a beam of 2e-2 leaves a few per cent of itself.
+    assert fidelity.estimated_error == pytest.approx(fidelity.rmse_all, rel=0.1)
+
+
+def test_truth_has_no_estimated_error_nor_one_of_energy_and_reaction(case):
+    fidelity = check(case, case[1].displacement)
+    assert fidelity.energy_error == fidelity.reaction_error == 0
+    assert fidelity.estimated_error < 1e-5 * abs(case[1].displacement).max()
+
+
+def test_another_material_is_found_by_energy_reaction_and_residual(case):
+    scene, solution, free = case
+    softer = replace(scene, material=replace(scene.material, young_modulus=0.5e6))
+    fidelity = verify(solution.displacement, solution.displacement, scene=scene, mesh=solution.mesh, free=free)
+    other = verify(solve(softer).displacement, solution.displacement, scene=scene, mesh=solution.mesh, free=free)
+    # Pressed by the same path, a body of any stiffness has the same shape: only a force would tell, and the file has none.
+    assert other.rmse_all < 1e-5 and fidelity.rmse_all == 0
+    law = replace(scene, material=replace(scene.material, poisson_ratio=0.2))
+    assert verify(solve(law).displacement, solution.displacement, scene=scene, mesh=solution.mesh, free=free).relative_residual > 0.01
+
+
+def test_enough_correction_is_the_finite_element_solution(case):
+    """From a beam bent a millimetre too far, touching nothing, Newton steps lead to the equilibrium of that step."""
+    scene, solution, _ = case
+    checker, truth = Checker(scene, solution.mesh), solution.displacement[-1]
+    u = truth - np.array([0, 0, 1e-3]) * (solution.mesh.points[:, :1] / 0.06) ** 2
+    errors = []
+    for _ in range(6):
+        u = u + checker.correction(u, 1.0)
+        errors.append(abs(u - truth).max())
+    assert errors[0] < 0.2e-3 and errors[-1] < 1e-5 * abs(truth).max()

@@ -1,0 +1,237 @@
+"""One equilibrium: Newton's method with a factor that is kept as long as it pays.
+
+The out-of-balance force falls by about the same factor at each step while the stiffness changes little, so one Cholesky
+factor (factor.py) serves many equilibria, until the steps that it costs more than a fresh one outweigh making a new one.
+Contact never enters that factor: forces at the points near the obstacle follow from a small dense problem on its compliance
+(contact.py). A body that the obstacle alone keeps from giving way has an indefinite stiffness; its factor then shows, by
+its negative pivots, whether contact holds every direction in which the body would give way.
+
+Legend: N nodes, Q contact points, q of them in a zone near the obstacle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physics.balance import GAP_TOLERANCE, Balance
+from physics.contact import Zone, solve_complementarity
+from physics.factor import Factor, NotPositiveDefinite, SparseFactor, factor_for
+
+Floats = NDArray[np.float64]
+
+TOLERANCE = 1e-6  # residual force over reaction
+NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
+REACH = 2.0  # and up to this many cell sizes away they are looked at
+ITERATIONS = 12  # Newton steps before a state is given up
+REFACTOR_COST = 8  # a new factor costs about as much as this many Newton steps with the old one
+
+
+class NoEquilibrium(RuntimeError):
+    """No equilibrium was found; the message says where, how far off, and what was tried."""
+
+
+@dataclass
+class State:
+    """One equilibrium: a fraction of the loading, displacements (N, 3) and contact forces (Q,)."""
+
+    fraction: float
+    u: Floats
+    pressure: Floats
+    reaction: Floats = field(default_factory=lambda: np.zeros(3))
+    iterations: int = 0
+    residual: float = 0.0  # free components, over the reaction
+    gap_error: float = 0.0  # [m] how far contact is from its conditions
+    penetration: float = 0.0  # [m]
+
+
+@dataclass
+class Touch:
+    """Contact at one state: gaps (q,) [m], normals (q, 3) and forces (q,) [N] at the points of a zone."""
+
+    zone: Zone
+    gap: Floats
+    normal: Floats
+    pressure: Floats
+
+
+class Newton:
+    """Equilibria of one scene, each from a start nearby.
+
+    Attributes:
+        factor: the kept one; factorisations: how many there were
+    """
+
+    def __init__(self, balance: Balance) -> None:
+        self.balance = balance
+        self.factor: Factor = factor_for(balance.elasticity)
+        self.factorisations = 0
+        self._definite = self.factor
+        self._general: SparseFactor | None = None  # for states whose stiffness is not positive definite
+        self._fresh, self._excess, self._stale = 2, 0, True  # steps a new factor needed, steps beyond them since, worn out
+        self._zone: Zone | None = None
+        self._compliance: tuple[NDArray[np.int64], Floats] | None = None
+
+    def equilibrium(self, fraction: float, start: Floats, last: State) -> State:
+        """The equilibrium at a fraction of the loading, from a start (N, 3) and the contact forces of the last one.
+
+        Raises:
+            NoEquilibrium: not even a factor made anew at each step leads to one, or to one that is stable
+        """
+        if not self._stale:
+            try:
+                state = self._newton(fraction, start, last)
+                self._excess += max(0, state.iterations - self._fresh)
+                self._stale = self._excess > REFACTOR_COST
+                return state
+            except NoEquilibrium:
+                pass
+        self._refactor(start if last.u.any() else last.u)
+        try:
+            state = self._newton(fraction, start, last)
+        except NoEquilibrium:
+            state = self._newton(fraction, start, last, renew=True)
+        self._fresh = state.iterations
+        return state
+
+    def correction(self, fraction: float, u: Floats) -> Floats:
+        """One Newton step (N, 3), contact included, from any displacements (N, 3) at a fraction of the loading.
+
+        Raises:
+            NoEquilibrium: the stiffness there cannot be factored, or offers contact no resistance
+        """
+        contact = self.balance.contact
+        self._refactor(u)
+        touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
+        return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
+
+    def _refactor(self, u: Floats) -> None:
+        """Factor the stiffness at displacements (N, 3); where it is not positive definite, by the method that bears it."""
+        self.factor, self._stale = self._definite, True
+        try:
+            self.factor.update(u)
+        except NotPositiveDefinite:
+            self._general = self._general or SparseFactor(self.balance.elasticity)
+            self.factor = self._general
+            try:
+                self.factor.update(u)
+            except NotPositiveDefinite as error:
+                raise NoEquilibrium(str(error)) from None
+        self.factorisations += 1
+        self._compliance = None
+        self._stale, self._excess = False, 0
+
+    def _newton(self, fraction: float, start: Floats, last: State, *, renew: bool = False) -> State:
+        """Newton's method with the kept factor, or a new one at each iterate. Raises `NoEquilibrium` when it does not converge."""
+        balance = self.balance
+        u, outer = start, fraction * balance.load
+        touch = self._touch(fraction, u, last.pressure)
+        force = balance.elasticity.force(u) - outer
+        previous = np.inf
+        for iteration in range(1, ITERATIONS + 1):
+            if renew:
+                self._refactor(u)
+            u = u + self._step(force, touch)
+            force = balance.elasticity.force(u) - outer
+            pressure = last.pressure if touch is None else self._on_surface(touch, last.pressure)
+            touch = self._touch(fraction, u, pressure)
+            state = self._judge(fraction, u, force, touch, pressure, iteration)
+            error = max(state.residual / TOLERANCE, state.gap_error / (GAP_TOLERANCE * balance.size))
+            if error <= 1:
+                self._check_stable(touch)
+                return state
+            if not np.isfinite(error) or error > 10 * previous:
+                break
+            previous = min(error, previous)
+        raise NoEquilibrium(f"|R| = {state.residual:.1e} of the reaction, a gap is {state.gap_error:.1e} m off")
+
+    def _touch(self, fraction: float, u: Floats, pressure: Floats) -> Touch | None:
+        """Gaps at displacements (N, 3), with the contact forces (Q,) of before; None without an obstacle."""
+        contact = self.balance.contact
+        if contact is None:
+            return None
+        centre = contact.obstacle.position(fraction)
+        if self._zone is None or not self._zone.covers(u, centre, NEAR * self.balance.size):
+            self._zone = contact.zone(u, centre, REACH * self.balance.size)
+        gap, normal = self._zone.gaps(u, centre)
+        return Touch(self._zone, gap, normal, pressure[self._zone.points])
+
+    def _on_surface(self, touch: Touch, like: Floats) -> Floats:
+        """(Q,) the contact forces on the whole surface."""
+        pressure = np.zeros_like(like)
+        pressure[touch.zone.points] = touch.pressure
+        return pressure
+
+    def _step(self, force: Floats, touch: Touch | None) -> Floats:
+        """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
+        step = self.factor.solve(-force)  # were there no contact
+        if touch is None:
+            return step
+        near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
+        touched, touch.pressure = touch.pressure[near] > 0, np.zeros_like(touch.gap)
+        if not len(near):
+            return step
+        zone = touch.zone
+        nodes = np.flatnonzero(zone.weights[near].any(axis=0))
+        gradient = zone.gradient(near, nodes, touch.normal)  # (k, 3 n)
+        matrix = self._contact_matrix(touch, near, nodes, gradient)
+        gap = touch.gap[near] + gradient @ step[zone.nodes[nodes]].ravel()
+        try:
+            touch.pressure[near] = solve_complementarity(matrix, gap, touched, definite=not self.factor.negative)
+        except np.linalg.LinAlgError:
+            raise NoEquilibrium("the body gives way to contact without resistance") from None
+        if not touch.pressure.any():
+            return step
+        push = np.zeros_like(force)
+        push[zone.nodes] = zone.forces(touch.pressure, touch.normal)
+        return step + self.factor.solve(push)
+
+    def _contact_matrix(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats) -> Floats:
+        """(k, k) G K^-1 G^T + diag(c) of k points of a zone, G = gradient (k, 3 n) on n of its nodes."""
+        matrix = gradient @ self._compliance_of(touch.zone.nodes[nodes]) @ gradient.T
+        matrix[np.diag_indices(len(points))] += touch.zone.softness[points]
+        return matrix
+
+    def _check_stable(self, touch: Touch | None) -> None:
+        """Raise `NoEquilibrium` at a state that the factor, when it is that of an indefinite stiffness, shows to be unstable.
+
+        By Sylvester's law of inertia K + G^T diag(1/c) G has as many negative eigenvalues as K has more than
+        G K^-1 G^T + diag(c) does: contact must hold the body in every direction in which it would give way by itself.
+        """
+        if not self.factor.negative:
+            return
+        held = 0
+        if touch is not None and touch.pressure.any():
+            points = np.flatnonzero(touch.pressure > 0)
+            nodes = np.flatnonzero(touch.zone.weights[points].any(axis=0))
+            gradient = touch.zone.gradient(points, nodes, touch.normal)
+            held = int((np.linalg.eigvalsh(self._contact_matrix(touch, points, nodes, gradient)) < 0).sum())
+        if held < self.factor.negative:
+            raise NoEquilibrium("the body is unstable: it snaps through or buckles")
+
+    def _compliance_of(self, nodes: NDArray[np.int64]) -> Floats:
+        """(3 n, 3 n) of the kept factor, from what is known of it, or computed for these nodes and those known before."""
+        if self._compliance is None or not np.isin(nodes, self._compliance[0], assume_unique=True).all():
+            known = nodes if self._compliance is None else np.union1d(nodes, self._compliance[0])
+            self._compliance = known, self.factor.compliance(known)
+        known, compliance = self._compliance
+        rows = (3 * np.searchsorted(known, nodes)[:, None] + np.arange(3)).ravel()
+        return compliance[np.ix_(rows, rows)]
+
+    def _judge(self, fraction: float, u: Floats, force: Floats, touch: Touch | None, pressure: Floats, iteration: int) -> State:
+        """How far displacements (N, 3) with out-of-balance forces (N, 3) and contact forces (Q,) are from equilibrium."""
+        balance, gap_error, penetration, scale = self.balance, 0.0, 0.0, 0.0
+        if touch is not None:
+            force = force.copy()
+            force[touch.zone.nodes] -= touch.zone.forces(touch.pressure, touch.normal)
+            error = np.where(touch.pressure > 0, abs(touch.gap + touch.zone.softness * touch.pressure), -np.minimum(touch.gap, 0))
+            gap_error, penetration = float(error.max(initial=0)), max(0.0, -float(touch.gap.min(initial=0)))
+            reaction = -(touch.pressure @ touch.normal)
+            scale = float(np.linalg.norm(reaction))
+        else:
+            reaction = -force[balance.bearing].sum(axis=0)
+        scale = scale or float(np.linalg.norm(force[balance.fixed]))
+        residual = float(np.linalg.norm(force[~balance.fixed])) / max(scale, balance.floor / TOLERANCE)
+        return State(fraction, u, pressure, reaction, iteration, residual, gap_error, penetration)

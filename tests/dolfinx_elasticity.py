@@ -1,0 +1,35 @@
+"""Energy, forces and stiffness of a body assembled by dolfinx, cell by cell: what our own loops over cells are held against."""
+
+import numpy as np
+import ufl
+
+from physics import fem
+from physics.elasticity import Elasticity
+from physics.material import LAWS, lame
+
+
+class DolfinxElasticity(Elasticity):
+    """The same body, assembled by dolfinx cell by cell."""
+
+    def __init__(self, like: Elasticity) -> None:
+        self.mesh, self.material, self.fixed = like.mesh, like.material, like.fixed
+        self._u = self.space.function()
+        v, w = ufl.TestFunction(self.space.V), ufl.TrialFunction(self.space.V)
+        lmbda, mu = (self.space.constant(value) for value in lame(self.material))
+        W = LAWS[self.material.law](ufl.Identity(3) + ufl.grad(self._u), lmbda, mu) * ufl.dx(metadata=fem.quadrature(self.mesh.cell))
+        force = ufl.derivative(W, self._u, v)
+        self._forms = [fem.compile_form(form) for form in (W, force, ufl.derivative(force, self._u, w))]
+        self._conditions, self._tangent = fem.fix(self.space, self.fixed), fem.create_matrix(self._forms[2])
+        self._vector = np.empty(self.mesh.points.size)
+
+    def energy(self, u):
+        fem.set_function(self._u, self.space.to_dofs(u))
+        return fem.assemble_scalar(self._forms[0])
+
+    def force(self, u):
+        fem.set_function(self._u, self.space.to_dofs(u))
+        return self.space.from_dofs(fem.assemble_vector(self._forms[1], self._vector))
+
+    def stiffness(self, u):
+        fem.set_function(self._u, self.space.to_dofs(u))
+        return fem.assemble_matrix(self._tangent, self._forms[2], self._conditions)
