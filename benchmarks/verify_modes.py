@@ -14,7 +14,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from physics.laplacian import laplacian_modes
-from physics.mesh import PLURAL
+from physics.mesh import PLURAL, build_mesh
 from physics.modes import elastic_modes
 from physics.scene import read_scene
 from tests import test_physics_laplacian as laplacian
@@ -48,6 +48,10 @@ def main() -> None:
         modes = elastic_modes(scene, count=1)
         row("cantilever, first bending, converged value [Hz]", f"40 x 5 x 5 {PLURAL[cell]}, order {order}", [elastic.CONVERGED],
             list(modes.frequencies_hz), modes.residuals.max())
+    scene = elastic.beam(body={**elastic.SLENDER, "cells": [20, 8, 8], "cell": "tetrahedron", "order": 2})
+    modes = elastic_modes(scene, count=1, mesh=elastic.graded(build_mesh(scene.body), 3, 3))
+    row("the same", "20 x 8 x 8 tetrahedra, order 2, small at the clamped face", [elastic.CONVERGED], list(modes.frequencies_hz),
+        modes.residuals.max())
     found = laplacian_modes(laplacian.square(20, order=2), count=6)
     row("unit square, Dirichlet, exact [1/m2]", "20 x 20 x 2 triangles, order 2", laplacian.SQUARE.tolist(), found.eigenvalues.tolist(),
         found.residuals.max())

@@ -116,7 +116,7 @@ def _direct(problem: Problem, count: int, unknowns: int) -> Pairs:
                 raise RuntimeError(f"the stiffness of this mesh cannot be factored at a shift of {shift:.3g}") from None
             shift = -problem.scale / 10  # K is singular: a mechanism that the count of rigid motions does not see
             continue
-        is_zero, reference = _zeros(values, noise, shift or problem.scale)
+        is_zero, reference = _zeros(values, noise, shift or problem.scale, bool(shift))
         if is_zero.any() and not shift:
             shift = -problem.scale / 10
         elif shift and -shift > 10 * reference:  # the scale was too high, and the shift with it
@@ -124,7 +124,7 @@ def _direct(problem: Problem, count: int, unknowns: int) -> Pairs:
         else:
             break
     values, vectors, beyond, counted = _completed(K, M, inverse, values, vectors, count, shift)
-    is_zero, reference = _zeros(np.append(values, beyond), noise, shift or problem.scale)
+    is_zero, reference = _zeros(np.append(values, beyond), noise, shift or problem.scale, bool(shift))
     is_zero = is_zero[:len(values)]
     words = "Krylov-Schur, shift and invert with a factor by MUMPS" + (f", shift {shift:.3g}" if shift else "")
     scales = np.where(is_zero, reference, abs(values))
@@ -308,7 +308,7 @@ def _multigrid(problem: Problem, count: int, unknowns: int) -> Pairs:
     values, vectors = _taken(solver, A, wanted)
     words += f"Davidson's method ({solver.getIterationNumber()} of 4) with algebraic multigrid"
     values = values + shift
-    is_zero, reference = _zeros(values, noise, shift or problem.scale * unit)
+    is_zero, reference = _zeros(values, noise, shift or problem.scale * unit, bool(shift))
     residuals = _residuals(K, M, values, vectors, np.where(is_zero, reference, abs(values)))
     values = values / unit
     full = np.array([np.where(problem.free, vector.array, 0.0) for vector in vectors[:count]]) / np.sqrt(unit)
@@ -342,9 +342,9 @@ def _block(kind: str, A: PETSc.Mat, M: PETSc.Mat, ksp: PETSc.KSP, wanted: int, b
     return solver
 
 
-def _zeros(values: Floats, noise: float, scale: float) -> tuple[NDArray[np.bool_], float]:
+def _zeros(values: Floats, noise: float, scale: float, shifted: bool) -> tuple[NDArray[np.bool_], float]:
     """(m,) which of the eigenvalues are zero but for rounding, and the lowest other one (without any: the scale)."""
-    is_zero = ~(abs(values) > max(1e3 * noise, 1e-8 * abs(scale)))
+    is_zero = ~(abs(values) > max(10 * noise, 1e-8 * abs(scale) if shifted else 0.0))
     others = values[~is_zero]
     return is_zero, float(others.min()) if len(others) else abs(scale)
 
