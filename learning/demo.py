@@ -64,8 +64,8 @@ def run(out: Path, *, say: Callable[[str], None], budget_seconds: float | None =
     say(f"\n4  M4GN, trained for {limit} on {len(files(data, 'train'))} trajectories")
     trained = out / "run"
     result = train(config, files(data, "train"), files(data, "valid"), trained, resume=(trained / "last.safetensors").exists())
-    say(f"   {result['parameters']} weights, {result['steps']} steps in {result['seconds']:.0f} s, "
-        f"validation error {1e3 * result['best_error']:.3f} mm: {trained}")
+    error = "none, every rollout blew up" if result["best_error"] is None else f"{1e3 * result['best_error']:.3f} mm"
+    say(f"   {result['parameters']} weights, {result['steps']} steps in {result['seconds']:.0f} s, validation error {error}: {trained}")
 
     say("\n5  Rollouts of the test beams, held against finite elements")
     report = evaluate(trained, files(data, "test"), out / "report", say=lambda line: say("   " + line))

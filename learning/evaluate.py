@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from datagen.generate import commit, versions
-from datagen.trajectory import Trajectory, read_trajectory
+from datagen.trajectory import Trajectory, problems, read_trajectory
 from learning.checkpoint import Model, load_model, read_state
 from learning.report import write_report
 from learning.rivals import coarser, interpolate, keep_velocity, nothing_moves
@@ -41,6 +41,10 @@ Floats = NDArray[np.floating[Any]]
 RUNGS = {"FE, cells halved": 1, "FE, cells halved twice": 2}
 REFERENCE = "FE, the reference"
 HYBRID = "M4GN, 1 Newton step"
+
+
+class LeftOut(Exception):
+    """A predictor that cannot be measured on a trajectory; the message completes "because in this trajectory ..."."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,8 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, s
     if not files:
         raise InputError("no trajectories to evaluate")
     out, model = Path(out), load_model(run)
+    last = Path(run) / "last.safetensors"
+    about = read_state(last if last.exists() else Path(run) / "model.safetensors").about
     cases = [_read(Path(file)) for file in files]
     out.mkdir(parents=True, exist_ok=True)
     measured: dict[str, _Measured] = {}
@@ -118,10 +124,11 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, s
     with tqdm(total=len(cases) * (5 + len(RUNGS)), desc="evaluate", disable=None, unit="rollout") as bar:
         for case in cases:
             for name, kind, predict in _predictors(model, case):
-                path, one_step, ms = predict()
                 bar.update()
-                if path is None:
-                    notes.append(f"{name} found no equilibrium in {case.name} and is left out.")
+                try:
+                    path, one_step, ms = predict()
+                except LeftOut as reason:
+                    notes.append(f"{name} is left out, because in {case.name} {reason}.")
                     continue
                 if kind == "reference":  # what counts is the file, which was solved again for its time
                     again = max(again, float(abs(path - case.truth).max()))
@@ -136,7 +143,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, s
 
     rows = [entry.row(name) for name, entry in measured.items() if len(entry.found) == len(cases)]
     report = Report(title="A learned simulator held against finite elements", rows=rows, cases=[case.name for case in cases],
-                    pictures=pictures, facts=_facts(model, Path(run), cases, sample, again), notes=_limits(rows) + notes)
+                    pictures=pictures, facts=_facts(model, about, Path(run), cases, sample, again), notes=_limits(rows) + notes)
     content = write_report(out, report)
     if say is not None:
         for line in (*_summary(rows), content["summary"], f"report: {out / 'report.html'}"):
@@ -149,9 +156,12 @@ def _read(file: Path) -> _Case:
     trajectory = read_trajectory(file)
     if not trajectory.scene:
         raise InputError(f"{file}: holds no scene, so there are no equations to hold a prediction against")
-    if not trajectory.complete:
-        raise InputError(f"{file}: its solver stopped before the last step")
-    scene = read_scene(tomllib.loads(trajectory.scene))
+    if wrong := problems(trajectory):
+        raise InputError(f"{file}: {wrong[0]}")
+    try:
+        scene = read_scene(tomllib.loads(trajectory.scene))
+    except (InputError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{file}: its scene is wrong: {error}") from None
     mesh = build_mesh(scene.body)
     own = trajectory.mesh
     if not (np.array_equal(own.points, mesh.points) and np.array_equal(own.cells, mesh.cells)):
@@ -188,7 +198,7 @@ def _predictors(model: Model, case: _Case) -> list[tuple[str, str, Callable[[], 
         try:
             predicted = rollout(model, case.trajectory, correct=correct)
         except FloatingPointError:
-            return None, None, 0.0
+            raise LeftOut("a Newton step led nowhere") from None
         ms = 1e3 * (predicted.extra["seconds_per_step"] + set_up / case.steps)
         return predicted.displacement[:, case.trajectory.body], None, ms
 
@@ -202,10 +212,10 @@ def _predictors(model: Model, case: _Case) -> list[tuple[str, str, Callable[[], 
         for _ in range(halvings):
             scene = coarser(scene) if scene is not None else None
         if scene is None:
-            return None, None, 0.0
+            raise LeftOut("there are no cells left to halve")
         solution = solve(scene)
         if solution.failure:
-            return None, None, 0.0
+            raise LeftOut(f"there is {solution.failure}")
         path = interpolate(solution.mesh, solution.displacement, case.mesh.points) if halvings else solution.displacement
         return path, None, 1e3 * solution.seconds / case.steps
 
@@ -229,24 +239,20 @@ def _picture(out: Path, case: _Case, path: Floats, step: int) -> tuple[str, str]
                   f"prediction, coloured by its error, over the outline of the truth; right the truth.")
 
 
-def _facts(model: Model, run: Path, cases: list[_Case], sample: int, again: float) -> dict[str, str]:
-    last = run / "last.safetensors"
-    about = read_state(last if last.exists() else run / "model.safetensors").about
+def _facts(model: Model, about: dict[str, Any], run: Path, cases: list[_Case], sample: int, again: float) -> dict[str, str]:
     nodes = sorted({len(case.mesh.points) for case in cases})
     libraries = {"torch": torch.__version__, "pyvista": version("pyvista"), **versions()}
     threads = ", ".join(f"{name} {os.environ.get(name, 'not set')}" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"))
     return {
-        "test trajectories": f"{len(cases)}: {', '.join(case.name for case in cases)}; "
-                             f"{_range(nodes)} nodes, {_range(sorted({case.steps for case in cases}))} steps; free "
-                             "nodes are those that "
-                             f"neither a support holds nor the obstacle is made of",
+        "test trajectories": f"{len(cases)}: {', '.join(case.name for case in cases)}; {_range(nodes)} nodes, "
+                             f"{_range(sorted({case.steps for case in cases}))} steps; free nodes are those that neither a "
+                             "support holds nor the obstacle is made of",
         "gathering": "means over trajectories; of penetration, det F and inverted cells the worst",
-        "network": f"M4GN from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained "
-                   f"{about['step']} steps in "
-                   f"{about['seconds']:.0f} s, seed {model.config.seed}",
-        "truth": f"first-order {cases[0].mesh.cell}s, {cases[0].scene.material.law}; solved again here, it differs "
-                 "from the files by "
-                 f"{1e3 * again:.1e} mm at most (they hold 32-bit numbers)",
+        "network": f"M4GN from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} "
+                   f"steps in {about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; "
+                   f"seed {model.config.seed}",
+        "truth": f"first-order {cases[0].mesh.cell}s, {cases[0].scene.material.law}; solved again here, it differs from the "
+                 f"files by {1e3 * again:.1e} mm at most (they hold 32-bit numbers)",
         "equations": f"residual force at up to {sample} frames of each trajectory, everything else at all frames",
         "machine": f"{_processor()}, {os.cpu_count()} cores; {platform.platform()}",
         "threads": f"PyTorch {torch.get_num_threads()}; {threads}; the FE solver runs in one process",

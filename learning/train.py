@@ -97,7 +97,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
     losses: list[float] = []
     last = config.steps if steps is None else min(steps, config.steps)
     first_step, first_second = about["step"], time.perf_counter()
-    ended = about["step"] >= last
+    ended = about["step"] >= last or progress(config, about["step"], about["seconds"]) >= 1
 
     with curve, tqdm(total=100, desc="train", disable=None, bar_format=BAR) as bar:
         while not ended:

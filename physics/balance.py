@@ -65,7 +65,20 @@ class Balance:
         """Smallest gap [m] between the body at rest and the obstacle."""
         if self.contact is None:
             return float("inf")
-        return float(self.contact.gaps(np.zeros_like(self.mesh.points), self.contact.obstacle.position(fraction))[0].min())
+        return float(self.contact.gaps(np.zeros_like(self.mesh.points), self.contact.obstacle.position(fraction))[0].min(initial=np.inf))
+
+    def stride(self, start: float, end: float) -> float:
+        """How far the obstacle moves between two fractions of the loading, over what is safe for one step.
+
+        An obstacle that moves by half of its own width, or of the body's, could pass through without touching at either end.
+        """
+        if self.contact is None:
+            return 0.0
+        obstacle = self.contact.obstacle
+        between = np.unique([start, *np.linspace(0, 1, len(obstacle.path)), end])
+        way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
+        safe = min(obstacle.width, float(np.ptp(self.mesh.points, axis=0).min())) / 2
+        return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe
 
     def _check(self) -> None:
         free = rigid_motions_left(self.mesh, self.fixed)

@@ -5,7 +5,9 @@ to be slow. Each equilibrium starts from a polynomial through the last states, o
 last one best. Before anything touches or loads the body nothing is solved.
 
 A step without an equilibrium is taken in two halves, down to 2^-HALVINGS of a step; then the path ends with a clear failure
-that keeps what was solved before. Legend: N nodes, Q contact points, T steps + 1.
+that keeps what was solved before. A step in which the obstacle could jump through the body is halved beforehand.
+
+Legend: N nodes, Q contact points, T steps + 1.
 """
 
 from __future__ import annotations
@@ -60,6 +62,9 @@ class Path:
     def advance(self, fraction: float, depth: int = 0) -> State:
         """The equilibrium at a later fraction of the loading, in two halves where it cannot be had in one."""
         last = self.states[-1]
+        if self.balance.stride(last.fraction, fraction) > 1:
+            self.advance((last.fraction + fraction) / 2, depth)
+            return self.advance(fraction, depth)
         if not last.u.any() and self.balance.rests(fraction):
             return self._append(State(fraction, last.u, last.pressure))
         try:

@@ -180,7 +180,7 @@ class Newton:
         gap = touch.gap[near] + gradient @ step[zone.nodes[nodes]].ravel()
         try:
             touch.pressure[near] = solve_complementarity(matrix, gap, touched, definite=not self.factor.negative)
-        except np.linalg.LinAlgError:
+        except (np.linalg.LinAlgError, RuntimeError):  # the latter when non-negative least squares do not end
             raise NoEquilibrium("the body gives way to contact without resistance") from None
         if not touch.pressure.any():
             return step

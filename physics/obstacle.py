@@ -22,6 +22,8 @@ from physics.scene import Obstacle
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+FINEST = 100  # edges along a side, or half around
+
 
 class Rigid:
     """A rigid obstacle on its prescribed path."""
@@ -33,6 +35,13 @@ class Rigid:
         self.axis = axis / np.linalg.norm(axis)
         self.length = obstacle.length or 0.0
         self.half = np.array(obstacle.size or (0.0, 0.0, 0.0)) / 2
+
+    @property
+    def width(self) -> float:
+        """The smallest extent [m]; infinite for a half-space."""
+        if self.shape == "half-space":
+            return float("inf")
+        return float(2 * (self.half.min() if self.shape == "box" else self.radius))
 
     def position(self, fraction: float) -> Floats:
         """(3,) centre [m] at a fraction 0 .. 1 of the steps; way-points are reached at equal fractions."""
@@ -72,8 +81,9 @@ class Rigid:
         Args:
             body: (N, 3) rest positions of the body; a cylinder reaches past it by one edge on either side, a half-space is
                 shown as a square as large as the body
-            size: edge length aimed at [m]
+            size: edge length aimed at [m]; an obstacle much larger than that is drawn with longer ones
         """
+        size = max(size, np.pi * self.radius / FINEST, 2 * self.half.max() / FINEST, self.length / FINEST)
         first = _across(self.axis)
         frame = np.stack([first, np.cross(self.axis, first), self.axis])
         along = (body - self.path[0]) @ frame.T
@@ -141,20 +151,20 @@ def _square(middle: Floats, reach: float, size: float) -> tuple[Floats, Integers
 def _box_surface(half: Floats, size: float) -> tuple[Floats, Integers]:
     """The surface of a box cut into triangles, each corner and edge node once."""
     ticks = [_divide(-h, h, size) for h in half]
-    shape = tuple(len(t) for t in ticks)
-    grid = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3)
-    number = np.arange(len(grid)).reshape(shape)
-    triangles = []
+    points, triangles, count = [], [], 0
     for axis in range(3):
-        for end, outward in ((0, -1), (-1, 1)):
-            face = np.take(number, end, axis=axis)
-            # The two other axes in cyclic order turn towards this one.
-            face = face.T if axis == 1 else face
-            a, b, c, d = face[:-1, :-1].ravel(), face[1:, :-1].ravel(), face[1:, 1:].ravel(), face[:-1, 1:].ravel()
-            both = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-            triangles.append(both[:, ::outward])
-    used, renumbered = np.unique(np.concatenate(triangles), return_inverse=True)
-    return grid[used], renumbered.reshape(-1, 3)
+        first, second = (axis + 1) % 3, (axis + 2) % 3  # in cyclic order these two turn towards the third
+        for outward in (-1, 1):
+            u, v = np.meshgrid(ticks[first], ticks[second], indexing="ij")
+            face = np.empty((u.size, 3))
+            face[:, first], face[:, second], face[:, axis] = u.ravel(), v.ravel(), outward * half[axis]
+            number = count + np.arange(u.size).reshape(u.shape)
+            a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+            triangles.append(np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])[:, ::outward])
+            points.append(face)
+            count += u.size
+    _, kept, number = np.unique(np.concatenate(points).round(12), axis=0, return_index=True, return_inverse=True)
+    return np.concatenate(points)[kept], number.ravel()[np.concatenate(triangles)]
 
 
 def _rounded(points: Floats, triangles: Integers, half: Floats, radius: float) -> tuple[Floats, Integers]:

@@ -84,7 +84,8 @@ def test_gravity_pulls_with_the_weight():
 
 
 def test_a_step_too_large_is_halved():
-    whole, halves = solve(pressed(steps={"count": 40})), solve(pressed(steps={"count": 1}))
+    load = [{"where": "x-max", "traction": [0.0, 0.0, -3e4]}]
+    whole, halves = solve(beam(load=load, steps={"count": 40})), solve(beam(load=load, steps={"count": 1}))
     assert halves.halvings > 0
     assert abs(whole.displacement[-1] - halves.displacement[-1]).max() < 1e-5 * abs(whole.displacement[-1]).max()
 
@@ -206,3 +207,11 @@ def test_cooks_membrane_locks_when_nearly_incompressible():
     bulk, shear = 400889.8, 80.1938
     material = {"young_modulus": 9 * bulk * shear / (3 * bulk + shear), "poisson_ratio": (3 * bulk - 2 * shear) / (6 * bulk + 2 * shear)}
     assert cooks_membrane(32, 6.25, material) == pytest.approx(2.86, abs=6e-3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 20])
+def test_the_obstacle_cannot_jump_through_the_body(count):
+    """From above it to below it: however few steps are asked for, they meet, or the path ends clearly."""
+    down = {"shape": "cylinder", "radius": 0.01, "path": [[0.05, 0.01, 0.0305], [0.05, 0.01, -0.2]]}
+    solution = solve(pressed(obstacle=down, steps={"count": count}))
+    assert solution.failure or abs(solution.displacement).max() > 0.01
