@@ -42,17 +42,9 @@ def modes(options: Options) -> dict[str, Any]:
         _say(options, f"mode {i + 1:3d}  {value:12.6g} {'Hz' if elastic else '1/m2'}  residual {found.residuals[i]:.1e}")
     for text in (f"{found.dofs} unknowns, {found.cells}; {found.solver}", *found.remarks):
         _say(options, text)
-    result = {"kind": options.kind, ("frequencies_hz" if elastic else "eigenvalues"): values,
-              "residuals": found.residuals.tolist(), "dofs": found.dofs, "seconds": found.seconds, "cells": found.cells,
-              "solver": found.solver, "clusters": [[i + 1 for i in members] for members in found.clusters],
-              "remarks": list(found.remarks)}
-    if elastic:
-        result |= {"rigid_modes": found.rigid, "rigid_modes_expected": found.rigid_expected,
-                   "participation_factors": found.participation.tolist(), "effective_masses": found.effective_masses.tolist(),
-                   "free_mass": found.free_mass.tolist()}
-    else:
-        result |= {"dirichlet": list(found.dirichlet), "constant_modes": found.constant,
-                   "constant_modes_expected": found.constant_expected}
+    result = {"kind": options.kind, "residuals": found.residuals.tolist(), "dofs": found.dofs, "seconds": found.seconds,
+              "cells": found.cells, "solver": found.solver, "clusters": [[i + 1 for i in members] for members in found.clusters],
+              "remarks": list(found.remarks)} | found.report
     if RANK == 0 and out is not None:
         _write_modes(out, options, found)
     if RANK == 0 and picture is not None:

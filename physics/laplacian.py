@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import ufl
@@ -49,6 +50,12 @@ class LaplacianModes:
     def clusters(self) -> tuple[range, ...]:
         """The modes that belong together: constant ones, and those whose eigenvalues lie within 2 % of each other."""
         return clusters(self.eigenvalues, self.constant)
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """What Laplacian modes have and elastic ones do not, as plain values."""
+        return {"eigenvalues": self.eigenvalues.tolist(), "dirichlet": list(self.dirichlet), "constant_modes": self.constant,
+                "constant_modes_expected": self.constant_expected}
 
     @property
     def pictured(self) -> Floats:

@@ -23,6 +23,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import ufl
@@ -76,6 +77,13 @@ class Modes:
     def clusters(self) -> tuple[range, ...]:
         """The modes that belong together: rigid ones, and those whose frequencies lie within 1 % of each other."""
         return clusters(self.eigenvalues, self.rigid)
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """What elastic modes have and Laplacian ones do not, as plain values."""
+        return {"frequencies_hz": [float(hz) for hz in self.frequencies_hz], "rigid_modes": self.rigid,
+                "rigid_modes_expected": self.rigid_expected, "participation_factors": self.participation.tolist(),
+                "effective_masses": self.effective_masses.tolist(), "free_mass": self.free_mass.tolist()}
 
 
 def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, spread: bool = False,
