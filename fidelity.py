@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -22,6 +23,9 @@ from datagen.verbs import VERBS, add_data_verbs
 from physics.schema import InputError
 
 Options = argparse.Namespace
+# Under mpirun of Open MPI or MPICH; only the first process speaks.
+RANK = int(os.environ.get("OMPI_COMM_WORLD_RANK") or os.environ.get("PMI_RANK") or 0)
+PROCESSES = int(os.environ.get("OMPI_COMM_WORLD_SIZE") or os.environ.get("PMI_SIZE") or 1)
 
 
 class WorkError(RuntimeError):
@@ -29,21 +33,65 @@ class WorkError(RuntimeError):
 
 
 def modes(options: Options) -> dict[str, Any]:
-    """Elastic modes of a scene's body."""
+    """Elastic or Laplacian modes of a body."""
+    out = _writable(options.out, ".vtu", ".vtkhdf")
+    picture = _writable(options.picture)
+    found = _elastic(options) if options.kind == "elastic" else _laplacian(options)
+    elastic = options.kind == "elastic"
+    values = list(found.frequencies_hz) if elastic else found.eigenvalues.tolist()
+    for i, value in enumerate(values):
+        _say(options, f"mode {i + 1:3d}  {value:12.6g} {'Hz' if elastic else '1/m2'}  residual {found.residuals[i]:.1e}")
+    for text in (f"{found.dofs} unknowns, {found.cells}; {found.solver}", *found.remarks):
+        _say(options, text)
+    result = {"kind": options.kind, "residuals": found.residuals.tolist(), "dofs": found.dofs, "seconds": found.seconds,
+              "cells": found.cells, "solver": found.solver, "clusters": [[i + 1 for i in members] for members in found.clusters],
+              "remarks": list(found.remarks)} | found.report
+    if RANK == 0 and out is not None:
+        _write_modes(out, options, found)
+    if RANK == 0 and picture is not None:
+        from physics.view import mode_pictures
+
+        result["pictures"] = mode_pictures(picture, found.mesh, found.shapes, names=[
+            f"{'f' if elastic else 'lambda'} = {value:.5g} {'Hz' if elastic else '1/m2'}" for value in values])
+        _say(options, f"{len(result['pictures'])} pictures: {picture}")
+    return result
+
+
+def _elastic(options: Options) -> Any:
     from physics.modes import elastic_modes
     from physics.scene import load_scene
 
-    scene = load_scene(options.scene)
-    out = _writable(options.out, ".vtu")
-    found = elastic_modes(scene, count=options.count)
-    if out is not None:
+    if options.dirichlet is not None:
+        raise InputError("--dirichlet is for --kind laplacian; elastic modes take the supports of the scene")
+    if Path(options.scene).suffix.lower() != ".toml":
+        raise InputError(f"{options.scene}: elastic modes need a scene (.toml) with a material; its [body] may name a mesh file")
+    return elastic_modes(load_scene(options.scene), count=options.count, spread=PROCESSES > 1)
+
+
+def _laplacian(options: Options) -> Any:
+    from physics.laplacian import laplacian_modes
+    from physics.scene import load_body
+
+    names = options.dirichlet
+    chosen = None if names is None else [name.strip() for name in names.split(",") if name.strip() not in ("", "none")]
+    return laplacian_modes(load_body(options.scene), count=options.count, dirichlet=chosen, spread=PROCESSES > 1)
+
+
+def _write_modes(out: Path, options: Options, found: Any) -> None:
+    """The shapes as .vtu, or as a trajectory file of the rest state alone."""
+    if out.suffix == ".vtkhdf":
+        from datagen.trajectory import at_rest, write_trajectory
+
+        elastic = options.kind == "elastic"
+        shapes = found.pictured if elastic else found.pictured[:, :, None] * [0.0, 0.0, 1.0]
+        text = Path(options.scene).read_text() if Path(options.scene).suffix.lower() == ".toml" else ""
+        write_trajectory(out, at_rest(found.mesh, shapes, scene=text, frequencies_hz=found.frequencies_hz if elastic else (),
+                                      extra={} if elastic else {"laplacian_eigenvalues": found.eigenvalues.tolist()}))
+    else:
         from physics.mesh import write_mesh
 
         write_mesh(out, found.mesh, {f"mode_{i + 1}": shape for i, shape in enumerate(found.pictured)})
-    for i, hz in enumerate(found.frequencies_hz):
-        _say(options, f"mode {i + 1:3d}  {hz:12.6g} Hz  residual {found.residuals[i]:.1e}")
-    return {"kind": "elastic", "frequencies_hz": list(found.frequencies_hz), "residuals": found.residuals.tolist(),
-            "dofs": found.dofs, "seconds": found.seconds}
+    _say(options, f"shapes: {out}")
 
 
 def simulate(options: Options) -> dict[str, Any]:
@@ -54,6 +102,8 @@ def simulate(options: Options) -> dict[str, Any]:
     from physics.scene import load_scene
 
     scene = load_scene(options.scene)
+    if scene.body.order != 1 or scene.body.shape == "channel":
+        raise InputError(f"{options.scene}: simulate takes solid bodies of first order; modes take others too")
     out = _writable(options.out, ".vtkhdf")
 
     with tqdm(total=scene.steps.count, disable=None, desc="simulate", unit="step") as bar:
@@ -229,8 +279,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; the exit status."""
     options = _parser().parse_args(arguments)
     try:
+        if PROCESSES > 1 and options.verb != "modes":
+            raise InputError(f"{options.verb} runs as one process; under mpirun only modes does more")
         result = options.verb_function(options)
-        if options.json:
+        if options.json and RANK == 0:
             print(json.dumps(_finite(result)))
         return 0
     except InputError as error:
@@ -253,28 +305,31 @@ def _finite(value: Any) -> Any:
 
 
 def _fail(message: str, status: int) -> int:
-    print("fidelity: " + " ".join(message.split("\n")), file=sys.stderr)
+    if RANK == 0:
+        print("fidelity: " + " ".join(message.split("\n")), file=sys.stderr)
     return status
 
 
 def _say(options: Options, text: str) -> None:
     """A line for the reader: on standard output, or on standard error when that is taken by JSON."""
-    print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
+    if RANK == 0:
+        print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
 
 
-def _writable(path: str | Path | None, suffix: str = "") -> Any:
-    """The path of an output that can be written, checked before any work; None stays None."""
+def _writable(path: str | Path | None, *suffixes: str) -> Any:
+    """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder."""
     if path is None:
         return None
     path = Path(path)
-    if suffix and path.suffix != suffix:
-        raise InputError(f"--out {path}: the name must end in {suffix}")
+    suffix = bool(suffixes)
+    if suffix and path.suffix not in suffixes:
+        raise InputError(f"--out {path}: the name must end in {' or '.join(suffixes)}")
     if (suffix and path.is_dir()) or (not suffix and path.exists() and not path.is_dir()):
         raise InputError(f"--out {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
     folder = path.parent if suffix else path
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f".{path.name}.probe"
+        probe = folder / f".{path.name}.{os.getpid()}.probe"
         probe.touch()
         probe.unlink()
     except OSError as error:
@@ -304,8 +359,11 @@ def _parser() -> argparse.ArgumentParser:
         return added
 
     add = verb("modes", modes, "scene").add_argument
+    add("--kind", choices=("elastic", "laplacian"), default="elastic", help="elastic, or laplacian: of the shape alone (elastic)")
     add("--count", type=_positive, default=10, help="how many (10)")
-    add("--out", help="shapes as .vtu")
+    add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
+    add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
+    add("--picture", metavar="FOLDER", help="a picture and a film of each mode")
     verb("simulate", simulate, "scene").add_argument("--out", required=True, help="trajectory, .vtkhdf")
     added = verb("generate", generate, "family")
     add = added.add_argument

@@ -97,6 +97,15 @@ class Trajectory:
         return self.connectivity[first[:, None] + np.arange(NODES_OF_TYPE[vtk_type])]
 
 
+def at_rest(mesh: Mesh, modes: NDArray[np.floating[Any]], **attributes: Any) -> Trajectory:
+    """A mesh with its modes (m, N, 3) and no motion: one frame, the rest state."""
+    corners = mesh.cells.shape[1]
+    return Trajectory(
+        points=mesh.points, connectivity=mesh.cells.ravel(), offsets=corners * np.arange(len(mesh.cells) + 1),
+        types=np.full(len(mesh.cells), VTK_TYPE[mesh.cell], np.uint8), node_kind=np.zeros(len(mesh.points), np.uint8),
+        displacement=np.zeros((1, len(mesh.points), 3), np.float32), modes=np.asarray(modes, np.float32), **attributes)
+
+
 def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
     """Write a whole file, or none: it appears under its name only when it is complete on disk. Raises OSError."""
     path = Path(path)

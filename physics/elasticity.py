@@ -21,6 +21,7 @@ from physics.kernel import Kernel
 from physics.material import LAWS, lame
 from physics.mesh import Mesh
 from physics.scene import Material
+from physics.schema import InputError
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +42,8 @@ class Elasticity:
     """Energy, forces and stiffness of a body of one material; `fixed` (N, 3) marks the held components."""
 
     def __init__(self, mesh: Mesh, material: Material, fixed: NDArray[np.bool_]) -> None:
+        if mesh.dimension != 3:
+            raise InputError("a plane body has modes, but no finite strains here: give a solid one")
         self.mesh, self.material, self.fixed = mesh, material, fixed
         self.cells = np.ascontiguousarray(mesh.cells[:, fem.FROM_GMSH[mesh.cell]], np.int32)  # (C, n) in dolfinx's order of nodes
         self._points, self._constants = np.ascontiguousarray(mesh.points), np.array(lame(material))

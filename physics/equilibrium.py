@@ -143,7 +143,8 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None) -> Solu
 
 def model(scene: Scene, path: Path) -> dict[str, str]:
     """What is modelled, and why, in words."""
-    said = {"kinematics": f"finite strain, {scene.material.law}; {scene.body.cell}s of first order",
+    cells = "the cells of the file" if scene.body.shape == "file" else f"{scene.body.cell}s"
+    said = {"kinematics": f"finite strain, {scene.material.law}; {cells}, of first order",
             "inertia": "none: quasi-static loading", "factor": path.newton.factor.name}
     if scene.obstacle is None:
         said["contact"] = "none: the scene has no obstacle"

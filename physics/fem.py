@@ -1,7 +1,9 @@
 """The one place that knows which dolfinx is installed: 0.5.2 (Debian 12) or 0.9.0 (Debian 13).
 
 Outside of this file a vector field is an array (N, 3) over the nodes of our mesh. dolfinx renumbers both nodes and
-cells; `Space` holds the way there and back. Every process works for itself (MPI.COMM_SELF).
+cells; `Space` holds the way there and back. Every process works for itself (MPI.COMM_SELF), unless a space is asked to be
+spread over all processes, each with the whole of our mesh. Legend: N nodes, B blocks of degrees of freedom of this process
+(its own first, then copies of its neighbours'), D components.
 """
 
 from __future__ import annotations
@@ -10,6 +12,8 @@ import gc
 import hashlib
 import logging
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +28,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from physics.mesh import Mesh
+from physics.mesh import Entities, Mesh, rows_in
 
 Floats = NDArray[np.float64]
 # A crash shall be a crash: PETSc's handler of signals may wait forever for a lock that the crash left behind.
@@ -34,13 +38,14 @@ FFCX_VERSION = ffcx.__version__
 OLD = tuple(int(part) for part in __version__.split(".")[:2]) < (0, 8)
 
 # dolfinx lists the corners of a hexahedron as a tensor product, gmsh and VTK go round each face.
-FROM_GMSH = {"tetrahedron": [0, 1, 2, 3], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6], "prism": [0, 1, 2, 3, 4, 5]}
+FROM_GMSH = {"triangle": [0, 1, 2], "quadrilateral": [0, 1, 3, 2], "tetrahedron": [0, 1, 2, 3],
+             "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6], "prism": [0, 1, 2, 3, 4, 5]}
 # One point a prism would let hourglass modes through; two degrees integrate the stiffness of straight cells well.
-QUADRATURE_DEGREE = {"tetrahedron": 1, "hexahedron": 3, "prism": 2}
+QUADRATURE_DEGREE = {"triangle": 1, "quadrilateral": 3, "tetrahedron": 1, "hexahedron": 3, "prism": 2}
 # dolfinx's rule of degree 2 for prisms has eight points; three on the triangle times Gauss's two do the same with six.
 PRISM_POINTS = np.array([(r, s, t) for t in (0.5 - 12**-0.5, 0.5 + 12**-0.5) for r, s in ((1/6, 1/6), (2/3, 1/6), (1/6, 2/3))])
 PRISM_WEIGHTS = np.full(6, 1 / 12)
-MASS_DEGREE = {"tetrahedron": 2, "hexahedron": 4, "prism": 4}
+MASS_DEGREE = {"triangle": 2, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 4, "prism": 4}
 COMPILE = ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"]
 
 
@@ -67,9 +72,16 @@ def cache_folder() -> Path:
 def compile_form(form: Any) -> Any:
     """A UFL form compiled for this processor, or taken from the cache of compiled forms."""
     options = {"cffi_extra_compile_args": COMPILE, "cache_dir": cache_folder()}
-    logging.disable(logging.INFO)  # the compiler's command lines
-    try:
+    with _quiet():
         return fem.form(form, jit_params=options) if OLD else fem.form(form, jit_options=options)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without the compiler's command lines."""
+    logging.disable(logging.INFO)
+    try:
+        yield
     finally:
         logging.disable(logging.NOTSET)
 
@@ -107,42 +119,90 @@ def symbols(cell: str) -> tuple[Any, Any]:
 
 
 class Space:
-    """First-order Lagrange vector fields on a mesh.
+    """Lagrange fields on a mesh: scalars, or vectors with a component for each dimension.
 
     Attributes:
         domain: the dolfinx mesh
         V: its function space
-        nodes: (N,) the node of our mesh behind each block of three degrees of freedom
-        dofs: (N, 3) the degrees of freedom of each node of our mesh
+        comm: MPI.COMM_SELF, or MPI.COMM_WORLD when the space is spread over all processes
+        components: D
+        order: of the polynomials
+        nodes: (B,) the node of our mesh behind each block of D degrees of freedom, -1 where it is none (order 2)
+        dofs: (N, D) the degrees of freedom of each node of our mesh; -1 for those of other processes
+        owned: how many of the blocks are this process's own
+        degrees: of the quadrature of stiffness and mass
     """
 
-    def __init__(self, mesh: Mesh) -> None:
-        cell = ufl.Cell(mesh.cell, geometric_dimension=3) if OLD else ufl.Cell(mesh.cell)
-        cells = mesh.cells[:, FROM_GMSH[mesh.cell]]
+    def __init__(self, mesh: Mesh, *, order: int = 1, components: int | None = None, spread: bool = False) -> None:
+        dimension = mesh.dimension
+        self.components, self.order = components or dimension, order
+        D = self.components
+        self.comm = MPI.COMM_WORLD if spread else MPI.COMM_SELF
+        self.degrees = QUADRATURE_DEGREE[mesh.cell], MASS_DEGREE[mesh.cell]
+        if order == 2:
+            self.degrees = (2, 4) if mesh.cell in ("triangle", "tetrahedron") else (5, 5)
+        cells, points = mesh.cells[:, FROM_GMSH[mesh.cell]], mesh.points[:, :dimension]
+        if self.comm.rank:  # the first process hands out the mesh
+            cells, points = cells[:0], points[:0]
+        cells, points = np.ascontiguousarray(cells), np.ascontiguousarray(points)
         if OLD:
+            cell = ufl.Cell(mesh.cell, geometric_dimension=dimension)
             dolfinx_mesh._uflcell_to_dolfinxcell["prism"] = dolfinx_mesh.CellType.prism
             element = ufl.VectorElement("Lagrange", cell, 1)
-            self.domain = dolfinx_mesh.create_mesh(MPI.COMM_SELF, cells, mesh.points, ufl.Mesh(element))
-            self.V = fem.VectorFunctionSpace(self.domain, ("Lagrange", 1))
-            geometry = self.domain.geometry.dofmap.array.reshape(cells.shape)
+            make = fem.FunctionSpace if D == 1 else fem.VectorFunctionSpace
+            with _quiet():
+                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
+                self.V = make(self.domain, ("Lagrange", order))
+            geometry = self.domain.geometry.dofmap.array.reshape(-1, cells.shape[1])
+            blocks = self.V.dofmap.list.array.reshape(len(geometry), -1)
         else:
             import basix.ufl
 
-            element = basix.ufl.element("Lagrange", mesh.cell, 1, shape=(3,))
-            self.domain = dolfinx_mesh.create_mesh(MPI.COMM_SELF, cells, mesh.points, ufl.Mesh(element))
-            self.V = fem.functionspace(self.domain, ("Lagrange", 1, (3,)))
-            geometry = self.domain.geometry.dofmap
-        blocks = np.array([self.V.dofmap.cell_dofs(c) for c in range(len(cells))])
-        self.nodes = np.empty(len(mesh.points), np.int64)
-        self.nodes[blocks.ravel()] = np.asarray(self.domain.geometry.input_global_indices)[geometry.ravel()]
-        self.dofs = 3 * np.argsort(self.nodes)[:, None] + np.arange(3)
+            element = basix.ufl.element("Lagrange", mesh.cell, 1, shape=(dimension,))
+            with _quiet():
+                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
+                self.V = fem.functionspace(self.domain, ("Lagrange", order) if D == 1 else ("Lagrange", order, (D,)))
+            geometry, blocks = self.domain.geometry.dofmap, self.V.dofmap.list
+        index_map = self.V.dofmap.index_map
+        self.owned = index_map.size_local
+        count = self.owned + index_map.num_ghosts
+        corners = np.asarray(self.domain.geometry.input_global_indices)[geometry]  # (cells, k) in dolfinx's order
+        self._entities = _entities(corners, blocks, mesh.cell, self.V.dofmap.dof_layout) if order == 2 else {}
+        first = blocks[:, : corners.shape[1]] if order == 1 else self._entities[1][0]
+        self.nodes = np.full(count, -1, np.int64)
+        self.nodes[first.ravel()] = corners.ravel() if order == 1 else self._entities[1][1].ravel()
+        self.dofs = np.full((len(mesh.points), D), -1, np.int64)
+        ours = np.flatnonzero(self.nodes >= 0)
+        self.dofs[self.nodes[ours]] = D * ours[:, None] + np.arange(D)
+
+    def within(self, entities: Entities) -> NDArray[np.bool_]:
+        """(B,) True on the blocks that lie on some vertices, edges, faces or cells of our mesh."""
+        inside = np.zeros(len(self.dofs) + 1, bool)  # the last is for blocks that are no node
+        inside[entities.get(1, np.empty((0, 1), np.int64)).ravel()] = True
+        marked = inside[self.nodes]
+        for k, (blocks, corners) in self._entities.items():
+            if k > 1 and len(entities.get(k, ())):
+                marked[blocks[rows_in(corners, entities[k])]] = True
+        return marked
+
+    def gather(self, vector: Floats) -> Floats:
+        """(N, D) at the nodes of our mesh, on every process, from the degrees of freedom (owned D,) of each."""
+        ours = np.flatnonzero(self.nodes[:self.owned] >= 0)
+        field = np.zeros((len(self.dofs), self.components))
+        for nodes, values in self.comm.allgather((self.nodes[ours], vector.reshape(-1, self.components)[ours])):
+            field[nodes] = values
+        return field
+
+    def coordinates(self) -> Floats:
+        """(owned, 3) where the blocks of this process lie [m]."""
+        return self.V.tabulate_dof_coordinates()[:self.owned]
 
     def from_dofs(self, vector: Floats) -> Floats:
-        """(3 N,) in dolfinx's order -> (N, 3) in ours."""
+        """(D N,) in dolfinx's order -> (N, D) in ours; for one process and first order."""
         return vector[self.dofs]
 
     def to_dofs(self, field: Floats) -> Floats:
-        """(N, 3) in our order -> (3 N,) in dolfinx's."""
+        """(N, D) in our order -> (D N,) in dolfinx's; for one process and first order."""
         return field[self.nodes].ravel()
 
     def function(self) -> Any:
@@ -152,6 +212,23 @@ class Space:
     def constant(self, value: float) -> Any:
         """A number that may change without compiling the forms again."""
         return fem.Constant(self.domain, PETSc.ScalarType(value))
+
+
+def _entities(corners: NDArray[np.int64], blocks: Any, cell: str, layout: Any) -> dict[int, Any]:
+    """For each number of corners k the blocks that lie inside of entities with k corners (n,), and these corners (n, k)."""
+    import basix
+
+    topology = basix.topology(getattr(basix.CellType, cell))
+    found: dict[int, list[Any]] = {}
+    for dimension, entities in enumerate(topology):
+        for i, local in enumerate(entities):
+            for position in layout.entity_dofs(dimension, i):
+                found.setdefault(len(local), []).append((blocks[:, position], corners[:, list(local)]))
+    merged = {}
+    for k, pairs in found.items():
+        block, first = np.unique(np.concatenate([pair[0] for pair in pairs]), return_index=True)
+        merged[k] = block, np.concatenate([pair[1] for pair in pairs])[first]
+    return merged
 
 
 def set_function(function: Any, values: Floats) -> None:
@@ -182,6 +259,48 @@ def assemble_matrix(matrix: PETSc.Mat, form: Any, fixed: list[Any]) -> PETSc.Mat
     fem_petsc.assemble_matrix(matrix, form, bcs=fixed)
     matrix.assemble()
     return matrix
+
+
+def matrix(form: Any) -> PETSc.Mat:
+    """A UFL form of rank 2 as a matrix, nothing held."""
+    compiled = compile_form(form)
+    return assemble_matrix(create_matrix(compiled), compiled, [])
+
+
+def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
+    """The consistent mass matrix of a space of vectors, with the sparsity of another matrix of that space.
+
+    Each component has the mass matrix of the scalars, which is assembled once and spread: block (i, j) is m_ij times the
+    identity. Where that cannot be done (several processes, or another numbering of the scalars) it is assembled whole.
+    """
+    dx = ufl.dx(metadata={"quadrature_degree": space.degrees[1]})
+    D = space.components
+    if space.comm.size == 1 and D > 1:
+        with _quiet():
+            if OLD:
+                scalars = fem.FunctionSpace(space.domain, ("Lagrange", space.order))
+            else:
+                scalars = fem.functionspace(space.domain, ("Lagrange", space.order))
+        lists = (V.dofmap.list.array if OLD else V.dofmap.list.ravel() for V in (scalars, space.V))
+        if np.array_equal(*lists):
+            u, v = ufl.TrialFunction(scalars), ufl.TestFunction(scalars)
+            alone = matrix(space.constant(density) * u * v * dx)
+            rows, columns, values = alone.getValuesCSR()
+            alone.destroy()
+            starts, others, _ = like.getValuesCSR()
+            if len(others) == D * D * len(columns):
+                length = np.diff(rows)
+                neighbour = np.arange(len(columns)) - np.repeat(rows[:-1], length)
+                first = D * D * np.repeat(rows[:-1], length) + D * neighbour
+                spread = np.zeros(len(others))
+                for d in range(D):
+                    spread[first + d * (D * np.repeat(length, length) + 1)] = values
+                whole = like.duplicate()
+                whole.setValuesCSR(starts, others, spread)
+                whole.assemble()
+                return whole
+    u, v = ufl.TrialFunction(space.V), ufl.TestFunction(space.V)
+    return matrix(space.constant(density) * ufl.inner(u, v) * dx)
 
 
 def fix(space: Space, fixed: NDArray[np.bool_]) -> list[Any]:

@@ -16,7 +16,7 @@ def held(scene: Scene, mesh: Mesh) -> NDArray[np.bool_]:
     fixed = np.zeros(mesh.points.shape, bool)
     for support in scene.support:
         for letter in support.fixed:
-            fixed[mesh.places[support.where], "xyz".index(letter)] = True
+            fixed[mesh.place(support.where), "xyz".index(letter)] = True
     return fixed
 
 
@@ -26,7 +26,7 @@ def prescribed(scene: Scene, mesh: Mesh) -> Floats:
     for support in scene.support:
         for letter in support.fixed:
             axis = "xyz".index(letter)
-            target[mesh.places[support.where], axis] = support.displacement[axis]
+            target[mesh.place(support.where), axis] = support.displacement[axis]
     return target
 
 

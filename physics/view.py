@@ -37,6 +37,7 @@ Pixels = NDArray[np.uint8]
 
 WIDTH, DPI = 1200, 100  # [pixels], [pixels per inch]
 ERROR_COLOURS, SIZE_COLOURS = "YlOrRd", "viridis"
+VALUE_COLOURS = "RdBu_r"
 TOWARDS_EYE = np.array([-0.12, -1.0, 0.36]) / np.linalg.norm([-0.12, -1.0, 0.36])
 
 
@@ -106,27 +107,74 @@ def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | 
         page = page or _Page(panels, names if truth is not None else ("",), limits, cmap, label)
         largest = f"largest {label.split()[0]} {colour[k].max():.3g} mm"
         pictures.append(page.show(panels, f"step {k} of {len(displacement) - 1}:  {largest}"))
-    # One palette for all pictures, so that colours do not flicker.
-    few = [np.asarray(picture) for picture in pictures[::max(1, len(pictures) // 4)] + pictures[-1:]]
-    palette = Image.fromarray(np.concatenate(few)).quantize(256, method=Image.Quantize.MEDIANCUT)
-    pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    durations = [max(20, round(1e3 * seconds / len(pictures)))] * (len(pictures) - 1) + [1000]
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=durations, loop=0)
+    _write_film(path, pictures, [max(20, round(1e3 * seconds / len(pictures)))] * (len(pictures) - 1) + [1000])
     return len(pictures)
 
 
-def mode_picture(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "") -> None:
-    """Write a mode as PNG, 600 pixels wide: the largest displacement a sixth of the body's length, over the outline at rest.
+def _write_film(path: str | Path, pictures: list[Image.Image], durations: list[int]) -> None:
+    """A GIF that runs for ever; durations [ms]. One palette for all pictures, so that colours do not flicker."""
+    few = [np.asarray(picture) for picture in pictures[::max(1, len(pictures) // 4)] + pictures[-1:]]
+    palette = Image.fromarray(np.concatenate(few)).quantize(256, method=Image.Quantize.MEDIANCUT)
+    pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=durations, loop=0)
 
-    mode: (N, 3), of any scale
+
+def mode_picture(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "") -> None:
+    """Write a mode as PNG, 600 pixels wide; what it shows stands at `mode_film`."""
+    _mode_frames(mesh, mode, title, [1.0])[0].save(path)
+
+
+def mode_film(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "", frames: int = 20, seconds: float = 1.6) -> None:
+    """Write one period of a mode as GIF.
+
+    A displacement (N, 3) of any scale moves the body, the largest one by a sixth of its length, over its outline at rest; a
+    scalar (N,) colours it. Plane bodies are seen from above.
     """
-    size = np.linalg.norm(mode, axis=1)
-    largest = float(size.max()) or 1.0
-    moved = mode * (np.ptp(mesh.points, axis=0).max() / 6 / largest)
-    camera = _fit([mesh.points + moved, mesh.points - moved], None)
-    pixels = _panel_size(camera, 2)
-    panel = _draw(mesh, moved, size / largest, (0, 1), SIZE_COLOURS, camera, pixels, outline=0 * moved)
-    _Page([panel], ("",), (0, 1), SIZE_COLOURS, "displacement, largest = 1").show([panel], title).save(path)
+    phases = np.cos(2 * np.pi * np.arange(frames) / frames)
+    _write_film(path, _mode_frames(mesh, mode, title, phases), [round(1e3 * seconds / frames)] * frames)
+
+
+def mode_pictures(folder: str | Path, mesh: Mesh, modes: Floats, *, names: Sequence[str]) -> list[str]:
+    """Write mode_01.png, mode_01.gif and so on of modes (m, N, 3) or (m, N), with a title for each; their file names."""
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    written = []
+    for i, (mode, name) in enumerate(zip(modes, names, strict=True)):
+        stem = f"mode_{i + 1:02d}"
+        mode_picture(Path(folder) / f"{stem}.png", mesh, mode, title=f"mode {i + 1}:  {name}")
+        mode_film(Path(folder) / f"{stem}.gif", mesh, mode, title=f"mode {i + 1}:  {name}")
+        written += [f"{stem}.png", f"{stem}.gif"]
+    return written
+
+
+def _mode_frames(mesh: Mesh, mode: Floats, title: str, phases: Sequence[float] | Floats) -> list[Image.Image]:
+    """Pictures of a mode times each of some factors between -1 and 1."""
+    largest = float(abs(mode).max() if mode.ndim == 1 else np.linalg.norm(mode, axis=1).max()) or 1.0
+    if mode.ndim == 1:
+        moved, colour = np.zeros_like(mesh.points), mode / largest
+        limits, cmap, label = (-1.0, 1.0), VALUE_COLOURS, "value, largest = 1"
+    else:
+        moved = mode * (np.ptp(mesh.points, axis=0).max() / 6 / largest)
+        colour = np.linalg.norm(mode, axis=1) / largest
+        limits, cmap, label = (0.0, 1.0), SIZE_COLOURS, "displacement, largest = 1"
+    camera = _fit([mesh.points + moved, mesh.points - moved], None, _eye(mesh))
+    size = _panel_size(camera, 2)
+    page, pictures = None, []
+    for phase in phases:
+        shown = colour * phase if mode.ndim == 1 else colour * abs(phase)
+        panel = _draw(mesh, moved * phase, shown, limits, cmap, camera, size, outline=0 * moved if mode.ndim == 2 else None)
+        page = page or _Page([panel], ("",), limits, cmap, label)
+        pictures.append(page.show([panel], title))
+    return pictures
+
+
+def _eye(mesh: Mesh) -> Floats:
+    """Where a body is best seen from: a plane one from above, a plate from a corner, others as a beam along x."""
+    length, width, height = np.ptp(mesh.points, axis=0)
+    if mesh.dimension == 2:
+        return np.array([0.0, 0.0, 1.0])
+    if width > 2 * height and width > length / 4:
+        return np.array([-0.35, -1.0, 0.8]) / np.linalg.norm([-0.35, -1.0, 0.8])
+    return TOWARDS_EYE
 
 
 class _Page:
@@ -161,33 +209,34 @@ class _Page:
 
 @dataclass(frozen=True)
 class _Camera:
-    """Parallel projection: centre [m], half width and half height [m] of what must be seen."""
+    """Parallel projection: centre [m], half width and half height [m] of what must be seen, direction towards the eye."""
 
     centre: Floats
     half_width: float
     half_height: float
+    eye: Floats
 
 
-def _axes_of_view() -> tuple[Floats, Floats]:
-    right = np.cross((0, 0, 1), TOWARDS_EYE)
+def _axes_of_view(eye: Floats) -> tuple[Floats, Floats]:
+    right = np.cross((0, 0, 1), eye) if abs(eye[2]) < 0.999 else np.array([1.0, 0.0, 0.0])
     right /= np.linalg.norm(right)
-    return right, np.cross(TOWARDS_EYE, right)
+    return right, np.cross(eye, right)
 
 
-def _fit(clouds: list[Floats], obstacle: Obstacle | None) -> _Camera:
+def _fit(clouds: list[Floats], obstacle: Obstacle | None, eye: Floats = TOWARDS_EYE) -> _Camera:
     """A camera that sees the whole body, and of the obstacle what is near: at most half the body's extent beyond it."""
-    right, up = _axes_of_view()
+    right, up = _axes_of_view(eye)
     points = np.concatenate(clouds)
     low, high = points.min(axis=0), points.max(axis=0)
     if obstacle is not None:
         margin = 0.5 * (high - low).max()
         near = ((obstacle.points > low - margin) & (obstacle.points < high + margin)).all(axis=1)
         points = np.concatenate([points, obstacle.points[near]])
-    flat = points @ np.stack([right, up, TOWARDS_EYE], axis=1)  # (.., 3) across, up, towards the eye
+    flat = points @ np.stack([right, up, eye], axis=1)  # (.., 3) across, up, towards the eye
     low, high = flat.min(axis=0), flat.max(axis=0)
-    middle = (low + high) / 2 @ np.stack([right, up, TOWARDS_EYE])
+    middle = (low + high) / 2 @ np.stack([right, up, eye])
     half = 1.06 * (high - low) / 2
-    return _Camera(middle, float(half[0]), float(half[1]))
+    return _Camera(middle, float(half[0]), float(half[1]), eye)
 
 
 def _panel_size(camera: _Camera, panels: int) -> tuple[int, int]:
@@ -218,8 +267,8 @@ def _draw(mesh: Mesh, displacement: Floats, colour: Floats, limits: tuple[float,
         rigid = pv.PolyData(np.asarray(obstacle.points, np.float64), _faces([obstacle.triangles]))
         plotter.add_mesh(rigid, color="#9a9da1", ambient=0.3, diffuse=0.7, specular=0.1, opacity=0.55)
     distance = 10 * (camera.half_width + camera.half_height)
-    _, up = _axes_of_view()
-    plotter.camera_position = [camera.centre + distance * TOWARDS_EYE, camera.centre, up]
+    _, up = _axes_of_view(camera.eye)
+    plotter.camera_position = [camera.centre + distance * camera.eye, camera.centre, up]
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = max(camera.half_height, camera.half_width * size[1] / size[0])
     plotter.camera.clipping_range = (0.01 * distance, 3 * distance)
