@@ -1,7 +1,7 @@
 """The command line: one small function for each verb, wiring only.
 
 Every verb takes --json: one object on standard output and nothing else there; progress and remarks go to standard error.
-Exit status: 0 done, 1 the work failed (with what was saved and where), 2 the input is wrong.
+Exit status: 0 done, 1 the work failed (with what was saved and where), 2 the input is wrong, 130 stopped by the keyboard.
 """
 
 from __future__ import annotations
@@ -19,17 +19,14 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
+from datagen.prediction import finite
 from datagen.verbs import VERBS, add_data_verbs
-from physics.schema import InputError
+from physics.schema import InputError, WorkError
 
 Options = argparse.Namespace
 # Under mpirun of Open MPI or MPICH; only the first process speaks.
 RANK = int(os.environ.get("OMPI_COMM_WORLD_RANK") or os.environ.get("PMI_RANK") or 0)
 PROCESSES = int(os.environ.get("OMPI_COMM_WORLD_SIZE") or os.environ.get("PMI_SIZE") or 1)
-
-
-class WorkError(RuntimeError):
-    """The work failed; the message says how, and what was saved where."""
 
 
 def modes(options: Options) -> dict[str, Any]:
@@ -154,18 +151,18 @@ def segment(options: Options) -> dict[str, Any]:
     """Segments of a trajectory's mesh, written into its file."""
     import numpy as np
 
-    from datagen.trajectory import read_trajectory, write_trajectory
+    from datagen.trajectory import read_sound, write_trajectory
     from learning.segments import segment as cut
     from learning.segments import segment_quality
 
-    trajectory = read_trajectory(options.trajectory)
+    trajectory = read_sound(options.trajectory, complete=False)
     started = time.perf_counter()
     label = cut(trajectory, count=options.segments, method=options.method)
     seconds = time.perf_counter() - started
     write_trajectory(options.trajectory, replace(trajectory, segment=label))
-    result = {"segments": int(label.max()) + 1, "nodes": np.bincount(label).tolist(), **segment_quality(trajectory, label),
-              "seconds": seconds}
-    _say(options, f"{result['segments']} segments of {min(result['nodes'])} to {max(result['nodes'])} nodes, "
+    nodes = np.bincount(label[trajectory.body]).tolist()
+    result = {"segments": len(nodes), "nodes": nodes, **segment_quality(trajectory, label), "seconds": seconds}
+    _say(options, f"{len(nodes)} segments of {min(nodes)} to {max(nodes)} nodes, "
                   f"conductance {result['conductance']:.3f}, edge-cut ratio {result['edge_cut_ratio']:.3f}: {options.trajectory}")
     return result
 
@@ -178,8 +175,8 @@ def train(options: Options) -> dict[str, Any]:
 
     config = load_config(options.config)
     out = _writable(options.out)
-    result = run(config, files(options.data, "train"), files(options.data, "valid"), out, steps=options.steps,
-                 resume=options.resume)
+    valid = files(options.data, "valid") if Path(options.data, "valid").is_dir() else []
+    result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume)
     error = result["best_error"]
     _say(options, f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
                   + (f", validation error {1e3 * error:.3f} mm" if error is not None else "") + f": {out}")
@@ -188,13 +185,15 @@ def train(options: Options) -> dict[str, Any]:
 
 def rollout(options: Options) -> dict[str, Any]:
     """A trained network's prediction of a whole trajectory."""
-    from datagen.trajectory import read_trajectory, write_trajectory
+    from datagen.trajectory import read_sound, write_trajectory
     from learning.checkpoint import load_model
     from learning.rollout import rollout as run
     from physics.quality import rmse
 
-    model, trajectory = load_model(options.run), read_trajectory(options.trajectory)
+    model, trajectory = load_model(options.run), read_sound(options.trajectory)
     out = _writable(options.out, ".vtkhdf")
+    if out.resolve() == Path(options.trajectory).resolve():
+        raise InputError(f"--out {out}: is the trajectory itself, which the prediction would overwrite")
     prediction = run(model, trajectory)
     write_trajectory(out, prediction)
     error = rmse(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
@@ -204,38 +203,11 @@ def rollout(options: Options) -> dict[str, Any]:
 
 def verify(options: Options) -> dict[str, Any]:
     """Any prediction in the trajectory format, held against its reference and against the equations."""
-    import tomllib
+    from datagen.prediction import verify_files
 
-    import numpy as np
-
-    from datagen.trajectory import read_trajectory
-    from physics.mesh import build_mesh
-    from physics.scene import read_scene
-    from physics.verify import as_table
-    from physics.verify import verify as run
-
-    prediction, reference = read_trajectory(options.prediction), read_trajectory(options.reference)
-    out = _writable(options.out)
-    if prediction.displacement.shape != reference.displacement.shape or not np.array_equal(prediction.points, reference.points):
-        raise InputError(f"{options.prediction}: its mesh or number of frames is not that of {options.reference}")
-    if not reference.scene:
-        raise InputError(f"{options.reference}: holds no scene, so there are no equations to hold a prediction against")
-    scene, body = read_scene(tomllib.loads(reference.scene)), reference.body
-    mesh = build_mesh(scene.body)
-    if not np.array_equal(reference.points[body], mesh.points):
-        raise InputError(f"{options.reference}: its mesh is not the one that its scene builds")
-    found = run(prediction.displacement[:, body], reference.displacement[:, body], scene=scene, mesh=mesh, free=reference.free[body])
-    result = as_table(found)
+    result = verify_files(options.prediction, options.reference, _writable(options.out))
     for name, value in result.items():
         _say(options, f"{name:20s} {value:.6g}")
-    if out is not None:
-        from physics.view import frame_picture
-
-        (out / "verify.json").write_text(json.dumps(_finite(result), indent=1))
-        step = found.worst_step
-        frame_picture(out / "worst.png", mesh, prediction=prediction.displacement[step, body], truth=reference.displacement[step, body],
-                      step=step, steps=len(reference.displacement) - 1)
-        _say(options, f"{out / 'verify.json'}, {out / 'worst.png'}")
     return result
 
 
@@ -252,10 +224,10 @@ def view(options: Options) -> dict[str, Any]:
     """A film of a trajectory."""
     import numpy as np
 
-    from datagen.trajectory import read_trajectory
+    from datagen.trajectory import read_sound
     from physics.view import Obstacle, film
 
-    trajectory = read_trajectory(options.trajectory)
+    trajectory = read_sound(options.trajectory, complete=False)
     out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif")
     body = trajectory.body
     surface = None
@@ -283,25 +255,20 @@ def main(arguments: list[str] | None = None) -> int:
             raise InputError(f"{options.verb} runs as one process; under mpirun only modes does more")
         result = options.verb_function(options)
         if options.json and RANK == 0:
-            print(json.dumps(_finite(result)))
+            print(json.dumps(finite(result)))
         return 0
     except InputError as error:
         return _fail(str(error), 2)
     except (FloatingPointError, RuntimeError) as error:
+        if options.json and isinstance(error, WorkError) and error.result is not None:
+            print(json.dumps(finite(error.result)))
         return _fail(str(error), 1)
+    except MemoryError:
+        return _fail("out of memory; finished files are kept", 1)
     except OSError as error:
         return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 1)
     except KeyboardInterrupt:
         return _fail("stopped; finished files are kept", 130)
-
-
-def _finite(value: Any) -> Any:
-    """The same value with null for numbers that JSON has no word for."""
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _fail(message: str, status: int) -> int:
@@ -372,7 +339,7 @@ def _parser() -> argparse.ArgumentParser:
     number("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
     number("--all", action="store_true", help="the family's own number, as without --count")
     add("--split", help="only train, valid or test")
-    add("--seed", type=int, default=0)
+    add("--seed", type=_seed, default=0)
     add("--workers", type=_positive, help="processes (one for each core)")
     add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead")
     add("--time-limit", type=float, default=math.inf, metavar="S", help="seconds for one scene, then another is drawn (none)")
@@ -398,6 +365,12 @@ def _parser() -> argparse.ArgumentParser:
     verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser
+
+
+def _seed(text: str) -> int:
+    if not text.isdigit() or int(text) >= 2**63:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 2^63 - 1")
+    return int(text)
 
 
 def _positive(text: str) -> int:

@@ -35,6 +35,7 @@ from datagen.place import placed
 from physics.scene import Scene, read_scene
 from physics.schema import InputError, nearest, quantity, read_table, read_toml
 
+LARGEST_SPLIT = 1_000_000  # indices of the next split begin there
 FOLDER = Path(__file__).parent / "families"
 SPLITS = ("train", "valid", "test")
 RANGES = ("uniform", "log-uniform", "choice")
@@ -100,6 +101,8 @@ def counts(family: Family, *, count: int | None = None, split: str | None = None
     elif count is not None:
         ends = np.cumsum([0, *own.values()]) / max(1, sum(own.values()))
         own = dict(zip(SPLITS, np.diff(np.floor(ends * count + 0.5).astype(int)).tolist(), strict=True))
+    if max(own.values()) > LARGEST_SPLIT:
+        raise InputError(f"{max(own.values())} trajectories of one split asked for: must be at most {LARGEST_SPLIT}")
     if min(own.values()) < 0 or not sum(own.values()):
         raise InputError(f"{count if count is not None else sum(own.values())} trajectories asked for: must be at least 1")
     return {name: number for name, number in own.items() if number}

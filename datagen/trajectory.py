@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -187,7 +187,7 @@ def read_trajectory(path: str | Path) -> Trajectory:
             return _read(file)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+    except (OSError, KeyError, IndexError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"{path}: not a whole trajectory file: {str(error).splitlines()[0]}") from None
 
 
@@ -210,6 +210,17 @@ def _read(file: h5py.File) -> Trajectory:
         scene=str(attributes["scene"]), seed=int(attributes["seed"]), index=int(attributes["index"]),
         versions=json.loads(attributes["versions"]), commit=str(attributes["commit"]),
         complete=bool(attributes["complete"]), extra=json.loads(attributes["extra"]))
+
+
+def read_sound(path: str | Path, *, complete: bool = True) -> Trajectory:
+    """Read a whole file with nothing wrong in it as data. Raises `InputError` in one line otherwise.
+
+    complete: False lets a trajectory pass whose solver stopped before the last step
+    """
+    trajectory = read_trajectory(path)
+    for wrong in problems(trajectory if complete else replace(trajectory, complete=True)):
+        raise InputError(f"{path}: {wrong}")
+    return trajectory
 
 
 def problems(trajectory: Trajectory) -> list[str]:

@@ -10,6 +10,8 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
+from physics.schema import WorkError
+
 Options = argparse.Namespace
 Say = Callable[[str], None]
 Writable = Callable[..., Any]
@@ -44,7 +46,8 @@ def check(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     for problem in problems:
         say(problem)
     if problems:
-        raise RuntimeError(f"{len(problems)} problem{'s' if len(problems) > 1 else ''} in {options.folder}: {problems[0]}")
+        raise WorkError(f"{len(problems)} problem{'s' if len(problems) > 1 else ''} in {options.folder}: {problems[0]}",
+                        {"problems": problems})
     say(f"{options.folder}: nothing wrong")
     return {"problems": problems}
 

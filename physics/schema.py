@@ -24,6 +24,14 @@ class InputError(ValueError):
     """Wrong input: one line that says what is wrong, where, and what is allowed."""
 
 
+class WorkError(RuntimeError):
+    """The work failed: how, and what was saved where; `result` is what can be told of it all the same."""
+
+    def __init__(self, message: str, result: dict[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
 @dataclass(frozen=True)
 class Bound:
     """Unit and limits of one value: `above` and `below` exclude the limit, `at_least` and `at_most` include it."""

@@ -105,7 +105,7 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
     assert run(capsys, "dataset", "check", data)[0] == 0
     first = data / "train" / "0000.vtkhdf"
     result = run_json(capsys, "segment", first, "--segments", "4")
-    assert len(result["nodes"]) == 5 and min(result["nodes"]) > 0  # four and the obstacle
+    assert len(result["nodes"]) == 4 == result["segments"] and min(result["nodes"]) > 0
     assert run(capsys, "dataset", "check", data)[0] == 0  # segments are no part of what is checked
     (tmp_path / "config.toml").write_text("segments = 4\nsteps = 4\nbatch_size = 1\nvalidate_every = 2\n[network]\nhidden = 8\n"
                                           "message_steps = 1\ntransformer_layers = 1\nheads = 2\n")
@@ -125,6 +125,9 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
         file["VTKHDF/PointData/displacement"][500, 2] += 1e-3
     status, _, err = run(capsys, "dataset", "check", data)
     assert status == 1 and "0000.vtkhdf" in err
+    status, out, err = run(capsys, "dataset", "check", data, "--json")
+    assert status == 1 and "0000.vtkhdf" in json.loads(out)["problems"][0]
+    assert run(capsys, "rollout", trained, data / "test" / "0000.vtkhdf", "--out", data / "test" / "0000.vtkhdf")[0] == 2
 
 
 def test_a_data_set_by_its_verbs(capsys, tmp_path):
@@ -165,6 +168,8 @@ def test_demo_with_little_training(capsys, tmp_path, monkeypatch):
     (["simulate", "{scene}"], "--out"),
     (["simulate", "{scene}", "--out", "t.vtu"], "must end in .vtkhdf"),
     (["simulate", "{scene}", "--out", "/proc/t.vtkhdf"], "/proc/t.vtkhdf"),
+    (["generate", "demo", "--out", "x", "--seed", "-1"], "not a whole number from 0"),
+    (["generate", "demo", "--out", "x", "--count", "1000000000000"], "must be at most 1000000"),
     (["modes", "{scene}", "--count", "0"], "not a whole number above 0"),
     (["modes", "none.toml"], "No such file"),
     (["generate", "demoo", "--out", "x"], "did you mean 'demo'?"),

@@ -1,0 +1,56 @@
+"""A prediction's file held against that of the trajectory it predicts: whoever made it, in the same format."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datagen.trajectory import read_sound, read_trajectory
+from physics.mesh import build_mesh
+from physics.scene import read_scene
+from physics.schema import InputError
+from physics.verify import as_table, verify
+
+
+def finite(value: Any) -> Any:
+    """The same value with None for numbers that JSON has no word for."""
+    if isinstance(value, dict):
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def verify_files(prediction: str | Path, reference: str | Path, out: Path | None = None) -> dict[str, Any]:
+    """The figures of `physics.verify.Fidelity`; with a folder, verify.json and a picture of the worst frame in it.
+
+    Raises:
+        InputError: a file is damaged, they are not of the same mesh and steps, or the reference holds no scene
+    """
+    predicted, truth = read_trajectory(prediction), read_sound(reference)
+    if predicted.displacement.shape != truth.displacement.shape or not np.array_equal(predicted.points, truth.points):
+        raise InputError(f"{prediction}: its mesh or number of frames is not that of {reference}")
+    if not truth.scene:
+        raise InputError(f"{reference}: holds no scene, so there are no equations to hold a prediction against")
+    try:
+        scene = read_scene(tomllib.loads(truth.scene))
+    except (InputError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{reference}: its scene is wrong: {error}") from None
+    mesh, body = build_mesh(scene.body), truth.body
+    if not np.array_equal(truth.points[body], mesh.points):
+        raise InputError(f"{reference}: its mesh is not the one that its scene builds")
+    u, v = predicted.displacement[:, body], truth.displacement[:, body]
+    found = verify(u, v, scene=scene, mesh=mesh, free=truth.free[body])
+    result = as_table(found)
+    if out is not None:
+        from physics.view import frame_picture
+
+        (out / "verify.json").write_text(json.dumps(finite(result), indent=1))
+        step = found.worst_step
+        frame_picture(out / "worst.png", mesh, prediction=u[step], truth=v[step], step=step, steps=len(v) - 1)
+    return result
