@@ -106,7 +106,7 @@ def _direct(problem: Problem, count: int, unknowns: int) -> Pairs:
         keep = PETSc.IS().createGeneral((first + np.flatnonzero(problem.free)).astype(np.int32), comm=K.comm)
         K, M = K.createSubMatrix(keep, keep), M.createSubMatrix(keep, keep)
     wanted = min(count + 1, unknowns)
-    noise = _largest(K, M) * np.finfo(float).eps
+    noise = float(_largest(K, M) * np.finfo(float).eps)
     shift = -problem.scale / 10 if problem.zeros else 0.0
     for attempt in range(3):
         try:
@@ -271,7 +271,7 @@ def _multigrid(problem: Problem, count: int, unknowns: int) -> Pairs:
     diagonal = M.getDiagonal()
     unit = diagonal.sum() / diagonal.getSize()
     M.scale(1 / unit)
-    noise = _largest(K, M) * np.finfo(float).eps
+    noise = float(_largest(K, M) * np.finfo(float).eps)
     held = (K.getOwnershipRange()[0] + np.flatnonzero(~problem.free)).astype(np.int32)
     high, low = K.getDiagonal().max()[1], M.getDiagonal().min()[1]
     K.zeroRowsColumns(held, high)

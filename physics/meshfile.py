@@ -35,12 +35,14 @@ def read_mesh(path: str | Path, *, order: int = 1) -> Mesh:
             a cell without volume, or prisms where `order` is 2
     """
     raw = _read(Path(path))
-    blocks = [(_kind(block.type), block.data) for block in raw.cells]
+    blocks: list[tuple[str, Any]] = []
+    for block in raw.cells:
+        known = _kind(block.type)
+        if known is None:
+            raise InputError(f"{path}: has cells of kind {block.type!r}; known are {', '.join(KIND)}")
+        blocks.append((known, block.data))
     if not blocks:
         raise InputError(f"{path}: no cells in it")
-    for (kind, _), block in zip(blocks, raw.cells, strict=True):
-        if kind is None:
-            raise InputError(f"{path}: has cells of kind {block.type!r}; known are {', '.join(KIND)}")
     dimension = max(DIMENSION[kind] for kind, _ in blocks)
     kinds = sorted({kind for kind, _ in blocks if DIMENSION[kind] == dimension})
     if dimension < 2:

@@ -206,9 +206,10 @@ def read_scene(table: dict[str, Any]) -> Scene:
     given = table.get("body")
     scene = read_table(Scene, table | {"body": _with_defaults(given)} if "body" in table else table)
     _check_body(scene.body, given or {})
-    for kind, items in (("support", scene.support), ("load", scene.load)):
-        for i, item in enumerate(items):
-            _check_place(scene.body, item.where, f"{kind}[{i}].where")
+    places = [(f"support[{i}]", support.where) for i, support in enumerate(scene.support)]
+    places += [(f"load[{i}]", load.where) for i, load in enumerate(scene.load) if load.where is not None]
+    for name, where in places:
+        _check_place(scene.body, where, f"{name}.where")
     for i, support in enumerate(scene.support):
         if not support.fixed or set(support.fixed) - set("xyz") or len(set(support.fixed)) != len(support.fixed):
             raise InputError(f"support[{i}].fixed = {support.fixed!r}: must be some of the letters x, y and z, each once")

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from physics.mesh import Mesh
 from physics.scene import Scene
+from physics.schema import InputError
 
 Floats = NDArray[np.float64]
 
@@ -21,12 +22,21 @@ def held(scene: Scene, mesh: Mesh) -> NDArray[np.bool_]:
 
 
 def prescribed(scene: Scene, mesh: Mesh) -> Floats:
-    """(N, 3) displacements [m] of the held components at the last step, zero elsewhere."""
-    target = np.zeros_like(mesh.points)
-    for support in scene.support:
+    """(N, 3) displacements [m] of the held components at the last step, zero elsewhere.
+
+    Raises:
+        InputError: two supports give one component of a node different displacements
+    """
+    target, given = np.zeros_like(mesh.points), np.zeros(mesh.points.shape, bool)
+    for i, support in enumerate(scene.support):
+        nodes = mesh.place(support.where)
         for letter in support.fixed:
             axis = "xyz".index(letter)
-            target[mesh.place(support.where), axis] = support.displacement[axis]
+            value = support.displacement[axis]
+            if (given[nodes, axis] & (target[nodes, axis] != value)).any():
+                raise InputError(f"support[{i}]: gives the {letter} displacement of nodes at {support.where!r} as {value:g} m, "
+                                 "another support gives another")
+            target[nodes, axis], given[nodes, axis] = value, True
     return target
 
 

@@ -64,6 +64,8 @@ WRONG = {
     "no length": ('shape = "cylinder"', 'shape = "capsule"', "obstacle.length: missing"),
     "length of a cylinder": ("radius = 0.01", "radius = 0.01\nlength = 0.1", "obstacle.length: a cylinder has none"),
     "round box": ('shape = "cylinder"', 'shape = "box"\nsize = [0.01, 0.02, 0.03]', "at most 0.005 m"),
+    "supports that contradict": ("[obstacle]", '[[support]]\nwhere = "z-max"\nfixed = "z"\ndisplacement = [0, 0, -1e-3]\n[obstacle]',
+                                 "another support gives another"),
     "load of both kinds": ("[steps]", '[[load]]\nwhere = "x-max"\ntraction = [0, 0, 1]\nacceleration = [0, 0, 1]\n[steps]', "exactly one"),
     "load nowhere": ("[steps]", "[[load]]\ntraction = [0, 0, 1]\n[steps]", "needs a where"),
     "not TOML": ("[body]", "[body", "not a TOML file"),
