@@ -31,6 +31,7 @@ from learning.rivals import coarser, interpolate, keep_velocity, nothing_moves
 from learning.rollout import predict_step, rollout
 from learning.table import Report, Row
 from physics.equilibrium import solve
+from physics.fem import release
 from physics.mesh import Mesh, build_mesh
 from physics.scene import Scene, read_scene
 from physics.schema import InputError
@@ -140,6 +141,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, s
                 entry = measured.setdefault(name, _Measured(kind))
                 entry.ms.append(ms)
                 entry.found.append(fidelity)
+            release()
 
     rows = [entry.row(name) for name, entry in measured.items() if len(entry.found) == len(cases)]
     report = Report(title="A learned simulator held against finite elements", rows=rows, cases=[case.name for case in cases],

@@ -50,18 +50,18 @@ class Body:
     """
 
     shape: str = quantity("beam", choice=tuple(KEYS))
-    length: float | None = quantity(None, unit="m", above=0)
-    width: float | None = quantity(None, unit="m", above=0)
-    height: float | None = quantity(None, unit="m", above=0)
+    length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    width: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    height: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     cells: tuple[int, ...] | None = quantity(None, at_least=1, at_most=10_000)
-    cell_size: float | None = quantity(None, unit="m", above=0)
+    cell_size: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     cell: str = quantity("prism", choice=SOLID_CELLS + PLANE_CELLS)
     order: int = quantity(1, at_least=1, at_most=2)
     path: str | None = None
     hole_centre: tuple[float, float] | None = quantity(None, unit="m")
-    hole_radius: float | None = quantity(None, unit="m", above=0)
+    hole_radius: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     plane: str | None = quantity(None, choice=("strain", "stress"))
-    thickness: float | None = quantity(None, unit="m", above=0)
+    thickness: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
 
     @property
     def extent(self) -> Vector:
@@ -95,9 +95,9 @@ class Material:
     """A homogeneous isotropic material; the laws are written down in material.py."""
 
     law: str = quantity("neo-hookean", choice=("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"))
-    young_modulus: float = quantity(unit="Pa", above=0)
+    young_modulus: float = quantity(unit="Pa", above=0, at_least=1e-9, at_most=1e18)
     poisson_ratio: float = quantity(above=-1, below=0.5)
-    density: float = quantity(1000.0, unit="kg/m3", above=0)
+    density: float = quantity(1000.0, unit="kg/m3", above=0, at_least=1e-12, at_most=1e12)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,8 +132,8 @@ class Obstacle:
     shape: str = quantity(choice=("sphere", "cylinder", "capsule", "box", "half-space"))
     radius: float | None = quantity(None, unit="m", at_least=0)  # of a box: of its edges, by default a twentieth of its smallest side
     axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule
-    length: float | None = quantity(None, unit="m", above=0)  # capsule, between the centres of its ends
-    size: Vector | None = quantity(None, unit="m", above=0)  # box
+    length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # capsule, between the centres of its ends
+    size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # box
     normal: Vector | None = None  # half-space, out of it
     path: tuple[Vector, ...] = quantity(unit="m")
     contact: str = quantity("facets", choice=("facets", "nodes"))

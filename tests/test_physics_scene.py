@@ -50,6 +50,8 @@ WRONG = {
     "two cells": ("cells = [4, 2, 2]", "cells = [4, 2]", "body.cells must have 3 entries, not 2"),
     "cells twice": ("cells = [4, 2, 2]", "cells = [4, 2, 2]\ncell_size = 0.01", "exactly one of cells and cell_size"),
     "far too many cells": ("cells = [4, 2, 2]", "cell_size = 1e-6", "cells are more than"),
+    "next to nothing": ("young_modulus = 1e6", "young_modulus = 1e-300", "must be at least 1e-09 Pa"),
+    "astronomical": ("length = 0.1", "length = 1e300", "must be at most 1e+09 m"),
     "incompressible": ("poisson_ratio = 0.4", "poisson_ratio = 0.5", "must be below 0.5"),
     "unknown law": ("young_modulus = 1e6", 'young_modulus = 1e6\nlaw = "neohookean"', "did you mean 'neo-hookean'?"),
     "unknown place": ('where = "x-min"', 'where = "left"', "must be one of x-min"),
