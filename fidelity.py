@@ -222,20 +222,14 @@ def evaluate(options: Options) -> dict[str, Any]:
 
 def view(options: Options) -> dict[str, Any]:
     """A film of a trajectory."""
-    import numpy as np
 
     from datagen.trajectory import read_sound
     from physics.view import Obstacle, film
 
     trajectory = read_sound(options.trajectory, complete=False)
     out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif")
-    body = trajectory.body
-    surface = None
-    if not body.all():
-        first = int(np.count_nonzero(body))
-        moved = trajectory.points[~body] + trajectory.displacement[:, ~body]
-        surface = Obstacle(moved, trajectory.cells_of(5) - first)
-    frames = film(out, trajectory.mesh, trajectory.displacement[:, body], obstacle=surface)
+    surface = None if trajectory.obstacle is None else Obstacle(*trajectory.obstacle)
+    frames = film(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], obstacle=surface)
     _say(options, f"{frames} pictures: {out}")
     return {"pictures": frames, "out": str(out)}
 

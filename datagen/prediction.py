@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from datagen.trajectory import read_sound, read_trajectory
-from physics.mesh import build_mesh
-from physics.scene import read_scene
+from datagen.trajectory import Trajectory, read_sound, read_trajectory
+from physics.mesh import Mesh, build_mesh
+from physics.scene import Scene, read_scene
 from physics.schema import InputError
 from physics.verify import as_table, verify
 
@@ -26,24 +26,35 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
+    """A trajectory that predictions can be held against, with its scene and the mesh that this builds.
+
+    Raises:
+        InputError: something is wrong in the file, it holds no scene, or its mesh is not the one that its scene builds
+    """
+    trajectory = read_sound(path)
+    if not trajectory.scene:
+        raise InputError(f"{path}: holds no scene, so there are no equations to hold a prediction against")
+    try:
+        scene = read_scene(tomllib.loads(trajectory.scene))
+    except (InputError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: its scene is wrong: {error}") from None
+    mesh, own = build_mesh(scene.body), trajectory.mesh
+    if not (np.array_equal(own.points, mesh.points) and np.array_equal(own.cells, mesh.cells)):
+        raise InputError(f"{path}: its mesh is not the one that its scene builds")
+    return trajectory, scene, mesh
+
+
 def verify_files(prediction: str | Path, reference: str | Path, out: Path | None = None) -> dict[str, Any]:
     """The figures of `physics.verify.Fidelity`; with a folder, verify.json and a picture of the worst frame in it.
 
     Raises:
         InputError: a file is damaged, they are not of the same mesh and steps, or the reference holds no scene
     """
-    predicted, truth = read_trajectory(prediction), read_sound(reference)
+    predicted, (truth, scene, mesh) = read_trajectory(prediction), read_truth(reference)
     if predicted.displacement.shape != truth.displacement.shape or not np.array_equal(predicted.points, truth.points):
         raise InputError(f"{prediction}: its mesh or number of frames is not that of {reference}")
-    if not truth.scene:
-        raise InputError(f"{reference}: holds no scene, so there are no equations to hold a prediction against")
-    try:
-        scene = read_scene(tomllib.loads(truth.scene))
-    except (InputError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{reference}: its scene is wrong: {error}") from None
-    mesh, body = build_mesh(scene.body), truth.body
-    if not np.array_equal(truth.points[body], mesh.points):
-        raise InputError(f"{reference}: its mesh is not the one that its scene builds")
+    body = truth.body
     u, v = predicted.displacement[:, body], truth.displacement[:, body]
     found = verify(u, v, scene=scene, mesh=mesh, free=truth.free[body])
     result = as_table(found)

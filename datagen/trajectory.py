@@ -91,6 +91,13 @@ class Trajectory:
         kind = next(name for name, vtk_type in VTK_TYPE.items() if vtk_type == self.types[0])
         return Mesh(self.points[self.body], self.cells_of(self.types[0]), kind, {})
 
+    @property
+    def obstacle(self) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+        """The obstacle's surface in all frames: points (T, M, 3) [m] and triangles (F, 3) among them; None without one."""
+        if self.body.all():
+            return None
+        return self.points[~self.body] + self.displacement[:, ~self.body], self.cells_of(5) - np.count_nonzero(self.body)
+
     def cells_of(self, vtk_type: int) -> NDArray[np.int64]:
         """(C, n) node numbers of the cells of one VTK type."""
         first = self.offsets[:-1][self.types == vtk_type]

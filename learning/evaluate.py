@@ -11,7 +11,6 @@ import datetime
 import os
 import platform
 import time
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -24,7 +23,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from datagen.generate import commit, versions
-from datagen.trajectory import Trajectory, problems, read_trajectory
+from datagen.prediction import read_truth
+from datagen.trajectory import Trajectory
 from learning.checkpoint import Model, load_model, read_state
 from learning.report import write_report
 from learning.rivals import coarser, interpolate, keep_velocity, nothing_moves
@@ -32,8 +32,8 @@ from learning.rollout import predict_step, rollout
 from learning.table import Report, Row
 from physics.equilibrium import solve
 from physics.fem import release
-from physics.mesh import Mesh, build_mesh
-from physics.scene import Scene, read_scene
+from physics.mesh import Mesh
+from physics.scene import Scene
 from physics.schema import InputError
 from physics.verify import Checker, Fidelity, as_table, verify
 from physics.view import Obstacle, frame_picture
@@ -114,7 +114,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, s
     out, model = Path(out), load_model(run)
     last = Path(run) / "last.safetensors"
     about = read_state(last if last.exists() else Path(run) / "model.safetensors").about
-    cases = [_read(Path(file)) for file in files]
+    cases = [_Case(Path(file).stem, *read_truth(file)) for file in files]
     out.mkdir(parents=True, exist_ok=True)
     measured: dict[str, _Measured] = {}
     pictures: list[tuple[str, str]] = []
@@ -153,24 +153,6 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, s
     return {**content, "report": str(out)}
 
 
-def _read(file: Path) -> _Case:
-    """A test trajectory. Raises `InputError` when it cannot serve as the truth."""
-    trajectory = read_trajectory(file)
-    if not trajectory.scene:
-        raise InputError(f"{file}: holds no scene, so there are no equations to hold a prediction against")
-    if wrong := problems(trajectory):
-        raise InputError(f"{file}: {wrong[0]}")
-    try:
-        scene = read_scene(tomllib.loads(trajectory.scene))
-    except (InputError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{file}: its scene is wrong: {error}") from None
-    mesh = build_mesh(scene.body)
-    own = trajectory.mesh
-    if not (np.array_equal(own.points, mesh.points) and np.array_equal(own.cells, mesh.cells)):
-        raise InputError(f"{file}: its mesh is not the one that its scene builds")
-    return _Case(file.stem, trajectory, scene, mesh)
-
-
 def _warm_up(scene: Scene) -> None:
     """Solve something small once, so that no time of below contains the loading of compiled forms."""
     while (smaller := coarser(scene)) is not None:
@@ -179,8 +161,8 @@ def _warm_up(scene: Scene) -> None:
 
 
 def _predictors(model: Model, case: _Case) -> list[tuple[str, str, Callable[[], tuple[Any, Any, float]]]]:
-    """Name, kind and a function for each predictor, which gives its path (T, N, 3) or None when it failed, its single steps
-    (T - 1, N, 3) or None when it takes none, and its time [ms/step]."""
+    """Name, kind and a function for each predictor, which gives its path (T, N, 3), its single steps (T - 1, N, 3) or None when
+    it takes none, and its time [ms/step]; or raises `LeftOut`."""
 
     def learned() -> tuple[Any, Any, float]:
         predicted = rollout(model, case.trajectory)
@@ -229,11 +211,9 @@ def _predictors(model: Model, case: _Case) -> list[tuple[str, str, Callable[[], 
 
 def _picture(out: Path, case: _Case, path: Floats, step: int) -> tuple[str, str]:
     """Draw one frame of a rollout: the file's name and a caption."""
-    name, body = f"frame_{case.name}.png", case.trajectory.body
-    obstacle = None
-    if not body.all():
-        moved = case.trajectory.points[~body] + case.trajectory.displacement[step, ~body]
-        obstacle = Obstacle(moved, case.trajectory.cells_of(5) - np.count_nonzero(body))
+    name = f"frame_{case.name}.png"
+    surface = case.trajectory.obstacle
+    obstacle = None if surface is None else Obstacle(*surface).at(step)
     frame_picture(out / name, case.mesh, prediction=path[step], truth=case.truth[step], step=step, steps=case.steps,
                   obstacle=obstacle, names=("M4GN", "finite elements"))
     return name, (f"Test trajectory {case.name}, step {step} of {case.steps}, where the rollout is farthest from the "
