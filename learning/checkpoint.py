@@ -3,6 +3,7 @@
     RUN/config.toml          the resolved config, for the reader
     RUN/model.safetensors    the best network so far: weights, normaliser
     RUN/last.safetensors     the newest state: weights, normaliser, Adam's moments, state of the random generator
+    RUN/range.json           the ranges of the training scenes (seen.py)
     RUN/curve.jsonl          one JSON object a line: loss and learning rate, validation errors
 
 Both safetensors files carry in their header, as JSON: schema, config, step, seconds trained, best validation error [m],

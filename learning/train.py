@@ -38,6 +38,7 @@ from learning.data import Case, Normaliser, all_frames, fingerprint, fit_normali
 from learning.graph import join
 from learning.m4gn import M4GN
 from learning.rollout import rollout_error
+from learning.seen import seen, write_seen
 from physics.schema import InputError, to_table
 
 REPORT_EVERY = 50  # steps
@@ -91,6 +92,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
     else:
         normaliser = fit_normaliser(cases, config)
     replace_file(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
+    write_seen(out, seen(case.trajectory for case in cases))
     curve = _open_curve(out / "curve.jsonl", about["step"])
     start -= about["seconds"]
     model = Model(config, network, normaliser, str(out))
