@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from datagen.trajectory import Trajectory
-from learning.checkpoint import replace_file
 from physics.scene import read_scene
 from physics.schema import InputError
+from physics.whole import write_whole
 
 FILE = "range.json"
 ALARM = 0.2  # of the range's width: eight values drawn uniformly leave gaps of a ninth of it on average
@@ -79,7 +79,7 @@ def seen(trajectories: Iterable[Trajectory]) -> Seen:
 
 def write_seen(run: str | Path, found: Seen) -> None:
     """Leave the ranges in a run's folder. Raises OSError."""
-    replace_file(Path(run) / FILE, (json.dumps(vars(found), indent=1) + "\n").encode())
+    write_whole(Path(run) / FILE, (json.dumps(vars(found), indent=1) + "\n").encode())
 
 
 def read_seen(run: str | Path) -> Seen | None:
