@@ -46,16 +46,14 @@ def rmse(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice =
     return float(np.sqrt(np.mean(np.sum(error**2, axis=-1))))
 
 
-def hausdorff(a: ArrayLike, b: ArrayLike) -> float:
-    """GF_h [m]: the largest distance from a node of one set to the nearest node of the other; a (N, 3), b (M, 3)."""
-    there, back = _gaps(a, b)
-    return float(max(there.max(), back.max()))
+def set_distances(a: ArrayLike, b: ArrayLike) -> tuple[float, float]:
+    """GF_h [m] and GF_c [m^2] of two sets of nodes a (N, 3) and b (M, 3).
 
-
-def chamfer(a: ArrayLike, b: ArrayLike) -> float:
-    """GF_c [m^2]: mean over a of the squared distance to the nearest of b, plus the same from b to a; a (N, 3), b (M, 3)."""
+    GF_h, Hausdorff: the largest distance from a node of one set to the nearest node of the other.
+    GF_c, Chamfer: the mean over a of the squared distance to the nearest node of b, plus the same from b to a.
+    """
     there, back = _gaps(a, b)
-    return float(np.mean(there**2) + np.mean(back**2))
+    return float(max(there.max(), back.max())), float(np.mean(there**2) + np.mean(back**2))
 
 
 def _gaps(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
@@ -96,6 +94,12 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
     if rest.min() <= 0:
         raise InputError(f"{int((rest.min(axis=(0, 2)) <= 0).sum())} of {len(cells)} cells are inverted in the rest state")
     return _by_frame([(part / rest).min(axis=0) for part in _jacobians(x, cells, cell)], x)
+
+
+def centre_gradients(cell: str) -> Floats:
+    """(n, 3) gradients of the shape functions at a cell's centre in the cell's coordinates: linear in each, so the vertices' mean."""
+    gradients = _samples(cell)[0]
+    return gradients[:gradients.shape[1]].mean(axis=0)
 
 
 def smallest_det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Floats:
