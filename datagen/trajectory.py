@@ -186,6 +186,15 @@ def read_trajectory(path: str | Path) -> Trajectory:
         raise InputError(f"{path}: not a whole trajectory file: {str(error).splitlines()[0]}") from None
 
 
+def unfinished(path: str | Path) -> str | None:
+    """The scene of a file whose solver stopped before the last step; None for a finished one. Raises `InputError`."""
+    try:
+        with h5py.File(path, "r") as file:
+            return None if file.attrs["complete"] else str(file.attrs["scene"])
+    except (OSError, KeyError) as error:
+        raise InputError(f"{path}: not a trajectory file: {str(error).splitlines()[0]}") from None
+
+
 def _read(file: h5py.File) -> Trajectory:
     if file.attrs.get("schema") != SCHEMA:
         raise InputError(f"trajectory schema {file.attrs.get('schema')}, this program reads {SCHEMA}")
