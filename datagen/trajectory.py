@@ -42,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.mesh import VTK_TYPE, Mesh
+from physics.scene import Scene
 from physics.schema import InputError
 from physics.whole import write_whole
 
@@ -186,6 +187,15 @@ def read_trajectory(path: str | Path) -> Trajectory:
         raise InputError(f"{path}: not a whole trajectory file: {str(error).splitlines()[0]}") from None
 
 
+def unfinished(path: str | Path) -> str | None:
+    """The scene of a file whose solver stopped before the last step; None for a finished one. Raises `InputError`."""
+    try:
+        with h5py.File(path, "r") as file:
+            return None if file.attrs["complete"] else str(file.attrs["scene"])
+    except (OSError, KeyError) as error:
+        raise InputError(f"{path}: not a trajectory file: {str(error).splitlines()[0]}") from None
+
+
 def _read(file: h5py.File) -> Trajectory:
     if file.attrs.get("schema") != SCHEMA:
         raise InputError(f"trajectory schema {file.attrs.get('schema')}, this program reads {SCHEMA}")
@@ -216,6 +226,13 @@ def read_sound(path: str | Path, *, complete: bool = True) -> Trajectory:
     for wrong in problems(trajectory if complete else replace(trajectory, complete=True)):
         raise InputError(f"{path}: {wrong}")
     return trajectory
+
+
+def as_solved(scene: Scene, trajectory: Trajectory, step: int) -> Scene:
+    """The scene whose equations a step of its trajectory solves: under the linear law where the solver saw that it is enough."""
+    if step > trajectory.extra.get("linear_steps", 0):
+        return scene
+    return replace(scene, material=replace(scene.material, law="linear"))
 
 
 def problems(trajectory: Trajectory) -> list[str]:

@@ -12,6 +12,7 @@ Legend: N nodes, Q contact points, q of them in a zone near the obstacle.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ class Newton:
         self._definite = self.factor
         self._general: SparseFactor | None = None  # for states whose stiffness is not positive definite
         self._fresh, self._excess, self._stale = 2, 0, True  # steps a new factor needed, steps beyond them since, worn out
-        self._factored_at = np.zeros_like(balance.mesh.points)
+        self._factored_at = np.empty(0)  # displacements (N, 3) of the kept factor
         self._zone: Zone | None = None
         self._compliance: tuple[NDArray[np.int64], Floats] | None = None
 
@@ -137,6 +138,27 @@ class Newton:
                 break
         return state
 
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """All that the next equilibrium depends on besides its start: what `recall` takes."""
+        kept = {"counts": np.array([self.factorisations, self._fresh, self._excess])}
+        if self._zone is not None:
+            kept |= {"zone": self._zone.made_at, "zone_centre": self._zone.made_with}
+        if not self._stale:
+            kept["factored_at"] = self._factored_at
+            if self._compliance is not None:
+                kept["compliance"] = self._compliance[0]
+        return kept
+
+    def recall(self, memory: dict[str, NDArray[Any]]) -> None:
+        """Go on as the one whose memory this is would have: the same factor is made again, at the cost of one."""
+        if "zone" in memory and self.balance.contact is not None:
+            self._zone = self.balance.contact.zone(memory["zone"], memory["zone_centre"], REACH * self.balance.size)
+        if "factored_at" in memory:
+            self._refactor(memory["factored_at"])
+            if "compliance" in memory:
+                self._compliance = memory["compliance"], self.factor.compliance(memory["compliance"])
+        self.factorisations, self._fresh, self._excess = (int(count) for count in memory["counts"])
+
     def _refactor(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3); where it is not positive definite, by the method that bears it."""
         self.factor, self._stale = self._definite, True
@@ -150,7 +172,7 @@ class Newton:
             except NotPositiveDefinite as error:
                 raise NoEquilibrium(str(error)) from None
         self.factorisations += 1
-        self._compliance, self._factored_at = None, u
+        self._factored_at, self._compliance = u, None
         self._stale, self._excess = False, 0
 
     def _newton(self, fraction: float, start: Floats, last: State, *, renew: bool = False) -> State:

@@ -2,9 +2,9 @@
 
     sigma = P F^T / det F,   P = dW/dF,   von Mises = sqrt(3/2 s : s),   s = sigma - tr(sigma)/3 I          [Pa]
 
-P is not written down for each law: on the unit tetrahedron with a uniform F, the nodal forces are f_a = P grad N_a / 6 and
-the gradients of its nodes 1 to 3 are the unit vectors, so these forces are the columns of P / 6. They come from the same
-kernel as those of the solver. Where small strains are assumed (law "linear") sigma is P itself.
+P is not written down for each law: a cell of volume 1 with three nodes whose gradients are the unit vectors has the columns
+of P as its nodal forces. They come from the same kernel as those of the solver. Where small strains are assumed (law
+"linear") sigma is P itself.
 
 Legend: N nodes, C cells, n nodes of a cell, M tensors.
 """
@@ -14,15 +14,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from physics import fem
-from physics.elasticity import kernels
+from physics.element import Samples
+from physics.kernel import Kernel
 from physics.material import lame
 from physics.mesh import Mesh
 from physics.quality import centre_gradients
 from physics.scene import Material
 
 Floats = NDArray[np.float64]
-UNIT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
 
 def deformation(mesh: Mesh, displacement: ArrayLike) -> Floats:
@@ -35,12 +34,10 @@ def deformation(mesh: Mesh, displacement: ArrayLike) -> Floats:
 
 def first_piola(F: Floats, material: Material) -> Floats:
     """(M, 3, 3) P [Pa] at deformation gradients (M, 3, 3)."""
-    points = np.tile(UNIT, (len(F), 1))  # (4 M, 3)
-    u = np.einsum("mij,aj->mai", F - np.eye(3), UNIT).reshape(-1, 3)
-    cells = np.arange(len(points)).reshape(-1, 4)[:, fem.FROM_GMSH["tetrahedron"]]
-    force = kernels("tetrahedron", material.law)[1](np.ascontiguousarray(cells, np.int32), points, np.ascontiguousarray(u),
-                                                    np.array(lame(material)), np.zeros_like(points))
-    return 6 * force.reshape(-1, 4, 3)[:, 1:].transpose(0, 2, 1)
+    columns = np.ascontiguousarray((F - np.eye(3)).transpose(0, 2, 1)).reshape(-1, 3)  # (3 M, 3) displacements of the nodes
+    cells = Samples(np.broadcast_to(np.eye(3), (1, len(F), 3, 3)), np.ones((1, len(F))), np.ones((1, 2)))
+    kernel = Kernel(material.law, np.arange(len(columns)).reshape(-1, 3), cells)
+    return kernel.forces(columns, lame(material)).reshape(-1, 3, 3).transpose(0, 2, 1)
 
 
 def von_mises(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
