@@ -239,6 +239,15 @@ def evaluate(options: Options) -> dict[str, Any]:
                say=lambda text: _say(options, text))
 
 
+def pareto(options: Options) -> dict[str, Any]:
+    """Speed against error: trained runs, finite elements made cheaper, a reduced-order model and what knows nothing."""
+    from learning.compare import compare
+
+    out = _writable(options.out)
+    return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
+                   repeats=options.repeats, say=lambda text: _say(options, text))
+
+
 def view(options: Options) -> dict[str, Any]:
     """A film of a trajectory."""
 
@@ -379,6 +388,13 @@ def _parser() -> argparse.ArgumentParser:
     add("--correct", type=_positive, default=1, metavar="K", help="Newton steps after each frame of the corrected rollout (1)")
     add("--refined", type=_count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
     add("--out", help="folder of the report (RUN/report)")
+    add = verb("pareto", pareto, "what").add_argument
+    add("--run", nargs="+", action="extend", default=[], help="folders of trainings (none: the classical methods alone)")
+    add("--count", type=_positive, default=5, help="trajectories of a data set, evenly spaced (5)")
+    add("--split", default="test")
+    add("--refined", type=_count, help="scenes that are solved on finer cells as well (all)")
+    add("--repeats", type=_positive, default=3, help="of each timing; medians are shown (3)")
+    add("--out", default="pareto", help="folder of the report (pareto)")
     verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser
