@@ -49,12 +49,43 @@ class State:
 
 @dataclass
 class Touch:
-    """Contact at one state: gaps (q,) [m], normals (q, 3) and forces (q,) [N] at the points of a zone."""
+    """Contact at displacements u (N, 3): gaps (q,) [m], normals (q, 3) and forces (q,) [N] at the points of a zone."""
 
     zone: Zone
+    u: Floats
+    centre: Floats  # (3,) of the obstacle
     gap: Floats
     normal: Floats
     pressure: Floats
+
+    def rows(self, points: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Of k points of the zone: n nodes of it behind them, G (k, 3 n) their gaps' gradient, and B (b, 3 n) of `Zone.bend`."""
+        nodes = np.flatnonzero(self.zone.weights[points].any(axis=0))
+        pressed = points[self.pressure[points] > 0]
+        return (nodes, self.zone.gradient(points, nodes, self.normal),
+                self.zone.bend(pressed, nodes, self.pressure[pressed], self.u, self.centre))
+
+
+class _Condensed:
+    """A body of stiffness K' = K - B^T B as k points of contact feel it: B is what a round obstacle takes from it.
+
+    By Woodbury's formula, with the compliance K^-1 of the kept factor, T = 1 - B K^-1 B^T and X = B K^-1 G^T:
+
+    matrix: (k, k) G K'^-1 G^T + diag(c) = G K^-1 G^T + X^T T^-1 X + diag(c)
+    across: (b, k) X
+    negative: eigenvalues of K' below zero: those of K and those of T
+    """
+
+    def __init__(self, matrix: Floats, across: Floats, left: Floats, negative: int) -> None:
+        self.across, self.negative = across, negative
+        if np.trace(left) < len(left) - 1:  # else no eigenvalue of B K^-1 B^T can reach 1
+            self.negative += int((np.linalg.eigvalsh(left) < 0).sum())
+        self._inverse = np.linalg.inv(left) if len(left) else left
+        self.matrix = matrix + across.T @ self._inverse @ across
+
+    def turn(self, rows: Floats) -> Floats:
+        """T^-1 times (b,)."""
+        return self._inverse @ rows
 
 
 class Newton:
@@ -156,7 +187,7 @@ class Newton:
         if self._zone is None or not self._zone.covers(u, centre, NEAR * self.balance.size):
             self._zone = contact.zone(u, centre, REACH * self.balance.size)
         gap, normal = self._zone.gaps(u, centre)
-        return Touch(self._zone, gap, normal, pressure[self._zone.points])
+        return Touch(self._zone, u, centre, gap, normal, pressure[self._zone.points])
 
     def _on_surface(self, touch: Touch, like: Floats) -> Floats:
         """(Q,) the contact forces on the whole surface."""
@@ -170,46 +201,51 @@ class Newton:
         if touch is None:
             return step
         near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
-        touched, touch.pressure = touch.pressure[near] > 0, np.zeros_like(touch.gap)
         if not len(near):
+            touch.pressure = np.zeros_like(touch.gap)
             return step
-        zone = touch.zone
-        nodes = np.flatnonzero(zone.weights[near].any(axis=0))
-        gradient = zone.gradient(near, nodes, touch.normal)  # (k, 3 n)
-        matrix = self._contact_matrix(touch, near, nodes, gradient)
-        gap = touch.gap[near] + gradient @ step[zone.nodes[nodes]].ravel()
+        zone, touched = touch.zone, touch.pressure[near] > 0
+        nodes, gradient, bend = touch.rows(near)
+        contact = self._condense(touch, near, nodes, gradient, bend)
+        moved = step[zone.nodes[nodes]].ravel()
+        turned = contact.turn(bend @ moved)
+        gap = touch.gap[near] + gradient @ moved + contact.across.T @ turned
         try:
-            touch.pressure[near] = solve_complementarity(matrix, gap, touched, definite=not self.factor.negative)
+            pressure = solve_complementarity(contact.matrix, gap, touched, definite=not contact.negative)
         except (np.linalg.LinAlgError, RuntimeError):  # the latter when non-negative least squares do not end
             raise NoEquilibrium("the body gives way to contact without resistance") from None
-        if not touch.pressure.any():
+        touch.pressure = np.zeros_like(touch.gap)
+        touch.pressure[near] = pressure
+        push = gradient.T @ pressure + bend.T @ (turned + contact.turn(contact.across @ pressure))
+        if not push.any():
             return step
-        push = np.zeros_like(force)
-        push[zone.nodes] = zone.forces(touch.pressure, touch.normal)
-        return step + self.factor.solve(push)
+        force = np.zeros_like(force)
+        force[zone.nodes[nodes]] = push.reshape(-1, 3)
+        return step + self.factor.solve(force)
 
-    def _contact_matrix(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats) -> Floats:
-        """(k, k) G K^-1 G^T + diag(c) of k points of a zone, G = gradient (k, 3 n) on n of its nodes."""
-        matrix = gradient @ self._compliance_of(touch.zone.nodes[nodes]) @ gradient.T
-        matrix[np.diag_indices(len(points))] += touch.zone.softness[points]
-        return matrix
+    def _condense(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats, bend: Floats) -> _Condensed:
+        """The body with its obstacle's roundness, as k points of a zone feel it; gradient and bend are those of `Touch.rows`."""
+        compliance, k = self._compliance_of(touch.zone.nodes[nodes]), len(points)
+        rows = np.concatenate([gradient, bend])
+        felt = rows @ compliance @ rows.T
+        return _Condensed(felt[:k, :k] + np.diag(touch.zone.softness[points]), felt[k:, :k], np.eye(len(bend)) - felt[k:, k:],
+                          self.factor.negative)
 
     def _check_stable(self, touch: Touch | None) -> None:
-        """Raise `NoEquilibrium` at a state that the factor, when it is that of an indefinite stiffness, shows to be unstable.
+        """Raise `NoEquilibrium` at a state that the factor shows to be unstable.
 
-        By Sylvester's law of inertia K + G^T diag(1/c) G has as many negative eigenvalues as K has more than
-        G K^-1 G^T + diag(c) does: contact must hold the body in every direction in which it would give way by itself.
+        By Sylvester's law of inertia K' + G^T diag(1/c) G has as many negative eigenvalues as K' has more than
+        G K'^-1 G^T + diag(c) does: contact must hold the body in every direction in which it would give way by itself.
         """
-        if not self.factor.negative:
-            return
-        held = 0
-        if touch is not None and touch.pressure.any():
-            points = np.flatnonzero(touch.pressure > 0)
-            nodes = np.flatnonzero(touch.zone.weights[points].any(axis=0))
-            gradient = touch.zone.gradient(points, nodes, touch.normal)
-            held = int((np.linalg.eigvalsh(self._contact_matrix(touch, points, nodes, gradient)) < 0).sum())
-        if held < self.factor.negative:
-            raise NoEquilibrium("the body is unstable: it snaps through or buckles")
+        points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
+        giving, held = self.factor.negative, 0
+        if touch is not None and len(points):
+            nodes, gradient, bend = touch.rows(points)
+            contact = self._condense(touch, points, nodes, gradient, bend)
+            giving = contact.negative
+            held = int((np.linalg.eigvalsh(contact.matrix) < 0).sum()) if giving else 0
+        if held < giving:
+            raise NoEquilibrium("the body is unstable: it snaps through, buckles or slips off")
 
     def _compliance_of(self, nodes: NDArray[np.int64]) -> Floats:
         """(3 n, 3 n) of the kept factor, from what is known of it, or computed for these nodes and those known before."""

@@ -9,6 +9,9 @@ normal that points from the obstacle to x. With p = x - centre, axis a, radius r
     box          |max(q, 0)| + min(max q, 0) - r             q = |p| - size/2 + r by components: edges rounded with r
     half-space   p.a                                         everything behind the plane through the centre
 
+Where the surface is round its normal turns with the point: d2g/dx2 = (1 - n n^T) / d on a sphere, d the distance from its
+centre, and without the direction of the axis on a cylinder or an edge.
+
 Legend: Q points, P surface nodes, F triangles.
 """
 
@@ -66,6 +69,28 @@ class Rigid:
                            where=distance[:, None] > 0)
         return distance - self.radius, normal
 
+    def bend(self, points: Floats, centre: Floats) -> Floats:
+        """(Q, 2, 3) [1/m^0.5] vectors t along the surface whose sum of t t^T is the second derivative of the gap there."""
+        if self.shape == "half-space":
+            return np.zeros((len(points), 2, 3))
+        gap, normal = self.gap(points, centre)
+        distance = gap + self.radius
+        offset = points - centre
+        if self.shape == "box":
+            round_in = abs(offset) > self.half - self.radius  # (Q, 3) the components in which a point lies beyond the faces
+            straight = np.eye(3)[round_in.argmin(axis=1)]
+            ball, flat = round_in.all(axis=1), round_in.sum(axis=1) < 2
+        else:
+            straight = np.broadcast_to(self.axis, points.shape)
+            ball = np.full(len(points), self.shape == "sphere")
+            if self.shape == "capsule":
+                ball = abs(offset @ self.axis) > self.length / 2
+            flat = np.zeros(len(points), bool)
+        first = np.where(ball[:, None], _across_each(normal), straight)
+        # A sharp edge has no curvature that a step could use: what touches it lies inside, on a face.
+        size = np.where(flat | (self.radius == 0) | (distance <= 0), 0.0, 1.0 / np.sqrt(np.where(distance > 0, distance, 1.0)))
+        return np.stack([np.cross(first, normal) * size[:, None], first * (size * ball)[:, None]], axis=1)
+
     def _box(self, offset: Floats) -> tuple[Floats, Floats]:
         beyond = abs(offset) - self.half + self.radius
         outside = np.maximum(beyond, 0)
@@ -111,6 +136,12 @@ def _across(axis: Floats) -> Floats:
     other = np.eye(3)[np.argmin(abs(axis))]
     across = np.cross(axis, other)
     return across / np.linalg.norm(across)
+
+
+def _across_each(normal: Floats) -> Floats:
+    """(Q, 3) unit vectors normal to unit vectors (Q, 3)."""
+    across = np.cross(normal, np.eye(3)[abs(normal).argmin(axis=1)])
+    return across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
 def _divide(start: float, end: float, size: float) -> Floats:
