@@ -24,6 +24,7 @@ from physics.mesh import Mesh, build_mesh
 from physics.newton import Newton, NoEquilibrium, State
 from physics.quality import smallest_det_f
 from physics.scene import Scene
+from physics.snap import Relaxation, Snap
 
 Floats = NDArray[np.float64]
 
@@ -58,6 +59,7 @@ class Path:
         contact = self.balance.contact
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(0 if contact is None else len(contact.surface.area)))]
         self.order, self.halvings = 0, 0
+        self.snaps: list[Snap] = []
 
     def advance(self, fraction: float, depth: int = 0) -> State:
         """The equilibrium at a later fraction of the loading, in two halves where it cannot be had in one."""
@@ -71,10 +73,20 @@ class Path:
             return self._append(self.newton.equilibrium(fraction, self._predict(fraction), last))
         except NoEquilibrium as error:
             if depth == HALVINGS:
-                raise NoEquilibrium(f"{error} after {HALVINGS} halvings; {self._advice()}") from None
+                return self._snap(fraction, error)
         self.halvings += 1
         self.advance((last.fraction + fraction) / 2, depth + 1)
         return self.advance(fraction, depth + 1)
+
+    def _snap(self, fraction: float, error: NoEquilibrium) -> State:
+        """The equilibrium that the body moves to when the path of the last one ends."""
+        try:
+            state, snap = Relaxation(self.balance).settle(fraction, self.states[-1], self.newton)
+        except NoEquilibrium as lost:
+            raise NoEquilibrium(f"{error} after {HALVINGS} halvings; {lost}; {self._advice()}") from None
+        self.snaps.append(snap)
+        self.states, self.order = [state], 0
+        return state
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""

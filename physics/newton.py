@@ -95,6 +95,8 @@ class Newton:
         factor: the kept one; factorisations: how many there were
     """
 
+    round_obstacle = True  # its curvature is part of the tangent
+
     def __init__(self, balance: Balance) -> None:
         self.balance = balance
         self.factor: Factor = factor_for(balance.elasticity)
@@ -126,6 +128,13 @@ class Newton:
             state = self._newton(fraction, start, last, renew=True)
         self._fresh = state.iterations
         return state
+
+    def polished(self, fraction: float, state: State) -> State:
+        """The stable equilibrium beside a state, with a new factor at each step. Raises `NoEquilibrium`."""
+        found = self._newton(fraction, state.u, state, renew=True)
+        self._refactor(found.u)
+        self._check_stable(self._touch(fraction, found.u, found.pressure))
+        return found
 
     def correction(self, fraction: float, u: Floats) -> Floats:
         """One Newton step (N, 3), contact included, from any displacements (N, 3) at a fraction of the loading.
@@ -206,6 +215,7 @@ class Newton:
             return step
         zone, touched = touch.zone, touch.pressure[near] > 0
         nodes, gradient, bend = touch.rows(near)
+        bend = bend if self.round_obstacle else bend[:0]
         contact = self._condense(touch, near, nodes, gradient, bend)
         moved = step[zone.nodes[nodes]].ravel()
         turned = contact.turn(bend @ moved)
