@@ -85,14 +85,13 @@ class BandFactor:
         self.elasticity, self.band = elasticity, band
         size = elasticity.mesh.points.size
         self._unknown = 3 * place[:, None] + np.arange(3)  # (N, 3)
-        of_cell = self._unknown[elasticity.cells].reshape(len(elasticity.cells), -1)  # (C, 3 n)
-        row, column = of_cell[:, :, None], of_cell[:, None, :]
-        # Column after column of the lower band; what is above the diagonal or held goes to one last place.
-        slot = column * (band + 1) + row - column
+        row, column = elasticity.pairs(self._unknown)
+        # Column after column of the lower band; what is held goes to one last place.
+        slot = np.minimum(row, column) * (band + 1) + abs(row - column)
         held = np.zeros(size, bool)
         held[self._unknown[elasticity.fixed]] = True
-        slot[(row < column) | held[row] | held[column]] = size * (band + 1)
-        self._slot = np.ascontiguousarray(slot.reshape(len(of_cell), -1), np.int32)
+        slot[held[row] | held[column]] = size * (band + 1)
+        self._slot = np.ascontiguousarray(slot, np.int32)
         self._held = np.flatnonzero(held) * (band + 1)
         self._storage = np.empty(size * (band + 1) + 1)
         self._factor: Floats | None = None

@@ -12,6 +12,7 @@ Legend: N nodes, Q contact points, q of them in a zone near the obstacle.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,6 +105,8 @@ class Newton:
         self._definite = self.factor
         self._general: SparseFactor | None = None  # for states whose stiffness is not positive definite
         self._fresh, self._excess, self._stale = 2, 0, True  # steps a new factor needed, steps beyond them since, worn out
+        self._factored_at = np.empty(0)  # displacements (N, 3) of the kept factor
+        self._giving = 0  # negative eigenvalues of K' at the last step
         self._zone: Zone | None = None
         self._compliance: tuple[NDArray[np.int64], Floats] | None = None
 
@@ -133,6 +136,7 @@ class Newton:
         """The stable equilibrium beside a state, with a new factor at each step. Raises `NoEquilibrium`."""
         found = self._newton(fraction, state.u, state, renew=True)
         self._refactor(found.u)
+        self._giving = 1  # look again
         self._check_stable(self._touch(fraction, found.u, found.pressure))
         return found
 
@@ -147,6 +151,27 @@ class Newton:
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
 
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """All that the next equilibrium depends on besides its start: what `recall` takes."""
+        kept = {"counts": np.array([self.factorisations, self._fresh, self._excess])}
+        if self._zone is not None:
+            kept |= {"zone": self._zone.made_at, "zone_centre": self._zone.made_with}
+        if not self._stale:
+            kept["factored_at"] = self._factored_at
+            if self._compliance is not None:
+                kept["compliance"] = self._compliance[0]
+        return kept
+
+    def recall(self, memory: dict[str, NDArray[Any]]) -> None:
+        """Go on as the one whose memory this is would have: the same factor is made again, at the cost of one."""
+        if "zone" in memory and self.balance.contact is not None:
+            self._zone = self.balance.contact.zone(memory["zone"], memory["zone_centre"], REACH * self.balance.size)
+        if "factored_at" in memory:
+            self._refactor(memory["factored_at"])
+            if "compliance" in memory:
+                self._compliance = memory["compliance"], self.factor.compliance(memory["compliance"])
+        self.factorisations, self._fresh, self._excess = (int(count) for count in memory["counts"])
+
     def _refactor(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3); where it is not positive definite, by the method that bears it."""
         self.factor, self._stale = self._definite, True
@@ -160,7 +185,7 @@ class Newton:
             except NotPositiveDefinite as error:
                 raise NoEquilibrium(str(error)) from None
         self.factorisations += 1
-        self._compliance = None
+        self._factored_at, self._compliance = u, None
         self._stale, self._excess = False, 0
 
     def _newton(self, fraction: float, start: Floats, last: State, *, renew: bool = False) -> State:
@@ -206,6 +231,7 @@ class Newton:
 
     def _step(self, force: Floats, touch: Touch | None) -> Floats:
         """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
+        self._giving = self.factor.negative
         step = self.factor.solve(-force)  # were there no contact
         if touch is None:
             return step
@@ -238,8 +264,10 @@ class Newton:
         compliance, k = self._compliance_of(touch.zone.nodes[nodes]), len(points)
         rows = np.concatenate([gradient, bend])
         felt = rows @ compliance @ rows.T
-        return _Condensed(felt[:k, :k] + np.diag(touch.zone.softness[points]), felt[k:, :k], np.eye(len(bend)) - felt[k:, k:],
-                          self.factor.negative)
+        found = _Condensed(felt[:k, :k] + np.diag(touch.zone.softness[points]), felt[k:, :k], np.eye(len(bend)) - felt[k:, k:],
+                           self.factor.negative)
+        self._giving = found.negative
+        return found
 
     def _check_stable(self, touch: Touch | None) -> None:
         """Raise `NoEquilibrium` at a state that the factor shows to be unstable.
@@ -247,14 +275,15 @@ class Newton:
         By Sylvester's law of inertia K' + G^T diag(1/c) G has as many negative eigenvalues as K' has more than
         G K'^-1 G^T + diag(c) does: contact must hold the body in every direction in which it would give way by itself.
         """
+        if not self._giving:
+            return
+        self._giving = self.factor.negative
         points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
-        giving, held = self.factor.negative, 0
+        held = 0
         if touch is not None and len(points):
-            nodes, gradient, bend = touch.rows(points)
-            contact = self._condense(touch, points, nodes, gradient, bend)
-            giving = contact.negative
-            held = int((np.linalg.eigvalsh(contact.matrix) < 0).sum()) if giving else 0
-        if held < giving:
+            contact = self._condense(touch, points, *touch.rows(points))
+            held = int((np.linalg.eigvalsh(contact.matrix) < 0).sum())
+        if held < self._giving:
             raise NoEquilibrium("the body is unstable: it snaps through, buckles or slips off")
 
     def _compliance_of(self, nodes: NDArray[np.int64]) -> Floats:

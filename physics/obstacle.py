@@ -71,25 +71,26 @@ class Rigid:
 
     def bend(self, points: Floats, centre: Floats) -> Floats:
         """(Q, 2, 3) [1/m^0.5] vectors t along the surface whose sum of t t^T is the second derivative of the gap there."""
-        if self.shape == "half-space":
-            return np.zeros((len(points), 2, 3))
+        found = np.zeros((len(points), 2, 3))
+        if self.shape == "half-space" or not self.radius:  # what touches a sharp edge lies inside, on a face
+            return found
         gap, normal = self.gap(points, centre)
-        distance = gap + self.radius
-        offset = points - centre
-        if self.shape == "box":
-            round_in = abs(offset) > self.half - self.radius  # (Q, 3) the components in which a point lies beyond the faces
-            straight = np.eye(3)[round_in.argmin(axis=1)]
-            ball, flat = round_in.all(axis=1), round_in.sum(axis=1) < 2
-        else:
-            straight = np.broadcast_to(self.axis, points.shape)
-            ball = np.full(len(points), self.shape == "sphere")
-            if self.shape == "capsule":
-                ball = abs(offset @ self.axis) > self.length / 2
-            flat = np.zeros(len(points), bool)
-        first = np.where(ball[:, None], _across_each(normal), straight)
-        # A sharp edge has no curvature that a step could use: what touches it lies inside, on a face.
-        size = np.where(flat | (self.radius == 0) | (distance <= 0), 0.0, 1.0 / np.sqrt(np.where(distance > 0, distance, 1.0)))
-        return np.stack([np.cross(first, normal) * size[:, None], first * (size * ball)[:, None]], axis=1)
+        offset, curved = points - centre, gap + self.radius > 0
+        straight = np.broadcast_to(self.axis, points.shape)
+        ball = np.full(len(points), self.shape == "sphere")
+        if self.shape == "capsule":
+            ball = abs(offset @ self.axis) > self.length / 2
+        elif self.shape == "box":
+            beyond = abs(offset) > self.half - self.radius  # (Q, 3) the components in which a point lies beyond the faces
+            ball, curved = beyond.all(axis=1), curved & (beyond.sum(axis=1) > 1)
+            straight = np.eye(3)[beyond.argmin(axis=1)]
+        size = np.sqrt(np.divide(1.0, gap + self.radius, out=np.zeros(len(points)), where=curved))[:, None]
+        if ball.any():
+            across = np.cross(normal, np.eye(3)[abs(normal).argmin(axis=1)])
+            straight = np.where(ball[:, None], across / np.linalg.norm(across, axis=1, keepdims=True), straight)
+            found[:, 1] = straight * size * ball[:, None]
+        found[:, 0] = np.cross(straight, normal) * size
+        return found
 
     def _box(self, offset: Floats) -> tuple[Floats, Floats]:
         beyond = abs(offset) - self.half + self.radius
@@ -136,12 +137,6 @@ def _across(axis: Floats) -> Floats:
     other = np.eye(3)[np.argmin(abs(axis))]
     across = np.cross(axis, other)
     return across / np.linalg.norm(across)
-
-
-def _across_each(normal: Floats) -> Floats:
-    """(Q, 3) unit vectors normal to unit vectors (Q, 3)."""
-    across = np.cross(normal, np.eye(3)[abs(normal).argmin(axis=1)])
-    return across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
 def _divide(start: float, end: float, size: float) -> Floats:

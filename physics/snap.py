@@ -18,7 +18,6 @@ Legend: N nodes, C cells.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,16 +36,6 @@ PATIENCE = 5  # steps after one that was too long before longer ones are tried
 AT_REST = 0.02  # residual over reaction below which Newton's method may finish
 
 
-@dataclass(frozen=True)
-class Snap:
-    """A way from the last equilibrium to the next without equilibria between."""
-
-    fraction: float  # of the loading
-    moved: float  # [m] the largest displacement between the two
-    released: float  # [J] by which the potential W - b.u fell: work that went into motion
-    steps: int
-
-
 class Immersed(Elasticity):
     """A body whose stiffness is that of a step of implicit Euler, K + s M / dt; `drag` is s / dt [Pa/m2]."""
 
@@ -54,8 +43,9 @@ class Immersed(Elasticity):
         self.__dict__.update(body.__dict__)
         self._matrix = None
         n = self.cells.shape[1]
+        first, second = np.triu_indices(3 * n)
         self._share = cell_volumes(self.mesh.points, self.mesh.cells, self.mesh.cell) / n  # (C,) [m3] of each of its nodes
-        self._diagonal = np.arange(3 * n) * (3 * n + 1)
+        self._diagonal = np.flatnonzero(first == second)  # among the pairs of unknowns of a cell
         self.drag = 0.0
 
     def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
@@ -78,11 +68,14 @@ class Relaxation(Newton):
         # The stiffness of the first bending mode over its volume: what is slower than that is not worth waiting for.
         self.least = balance.scene.material.young_modulus * balance.size**2 / extent**4
 
-    def settle(self, fraction: float, last: State, newton: Newton) -> tuple[State, Snap]:
+    def settle(self, fraction: float, last: State, newton: Newton) -> tuple[State, float, float]:
         """The equilibrium in which the body comes to rest when it is left to itself at a fraction of the loading.
 
         Args:
             last: where it starts; newton: what finds equilibria without drag, and judges whether they are stable
+
+        Returns:
+            that state, the farthest that a node moved [m], and by how much the potential W - b.u fell [J]
 
         Raises:
             NoEquilibrium: it does not come to rest
@@ -106,8 +99,8 @@ class Relaxation(Newton):
             if state.residual < min(AT_REST, peak / 10):
                 found, peak = self._finish(newton, fraction, state), state.residual
                 if found is not None:
-                    return found, Snap(fraction, float(np.linalg.norm(found.u - last.u, axis=1).max()),
-                                       before - self._potential(found.u, fraction), step)
+                    moved = np.linalg.norm(found.u - last.u, axis=1).max()
+                    return found, float(moved), before - self._potential(found.u, fraction)
             if way < longest / 2 and patience <= 0:
                 drag /= 2
         raise NoEquilibrium(f"left to itself in a viscous medium the body does not come to rest in {STEPS} steps")
