@@ -89,7 +89,7 @@ class Relaxation(Newton):
             if made is None:
                 drag, failures, patience = 2 * drag, failures + 1, PATIENCE
                 if failures > 100:
-                    break
+                    raise NoEquilibrium("left to itself the body has nowhere to go")
                 continue
             failures = 0
             at, pressure, way, longest = made
@@ -103,7 +103,7 @@ class Relaxation(Newton):
                     return found, float(moved), before - self._potential(found.u, fraction)
             if way < longest / 2 and patience <= 0:
                 drag /= 2
-        raise NoEquilibrium(f"left to itself in a viscous medium the body does not come to rest in {STEPS} steps")
+        raise NoEquilibrium(f"left to itself the body does not come to rest in {STEPS} steps of relaxation")
 
     def _refactor(self, u: Floats) -> None:
         try:
