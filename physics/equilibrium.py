@@ -195,7 +195,8 @@ def identity(scene: Scene, mesh: Mesh) -> str:
 def model(scene: Scene, path: Path) -> dict[str, str]:
     """What is modelled, and why, in words."""
     cells = "the cells of the file" if scene.body.shape == "file" else f"{scene.body.cell}s"
-    said = {"kinematics": f"finite strain, {scene.material.law}; {cells}, of first order",
+    element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
+    said = {"kinematics": f"finite strain, {scene.material.law}; {cells}, of first order{element}",
             "inertia": "none: quasi-static loading", "factor": path.newton.factor.name}
     if scene.obstacle is None:
         said["contact"] = "none: the scene has no obstacle"
