@@ -108,7 +108,8 @@ def simulate(options: Options) -> dict[str, Any]:
     part = out.with_name(out.name + ".part")
     with tqdm(total=scene.steps.count, disable=None, desc="simulate", unit="step") as bar:
         solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part)
-    write_trajectory(out, trajectory_of(scene, solution=solution))
+    trajectory = trajectory_of(scene, solution=solution)
+    write_trajectory(out, trajectory)
     steps = len(solution.displacement) - 1
     if solution.resumed:
         _say(options, f"went on after step {solution.resumed}, which an earlier run had reached")
@@ -121,9 +122,11 @@ def simulate(options: Options) -> dict[str, Any]:
               "largest_relative_residual": float(solution.relative_residual.max()),
               "largest_penetration": float(solution.penetration.max()),
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
-              "model": solution.model, "seconds": solution.seconds, "resumed_after_step": solution.resumed}
+              "model": trajectory.extra["model"], "seconds": solution.seconds, "resumed_after_step": solution.resumed}
     _say(options, f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
                   f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
+    for what, why in result["model"].items():
+        _say(options, f"  {what}: {why}")
     return result
 
 

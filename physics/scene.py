@@ -144,9 +144,10 @@ class Obstacle:
 
 @dataclass(frozen=True, kw_only=True)
 class Steps:
-    """The number of equal steps in which the loading is applied."""
+    """The number of equal steps in which the loading is applied, and the time that it takes."""
 
     count: int = quantity(400, at_least=1, at_most=1_000_000)
+    duration: float | None = quantity(None, unit="s", above=0, at_least=1e-9, at_most=1e9)
 
 
 @dataclass(frozen=True, kw_only=True)
