@@ -154,7 +154,8 @@ class Path:
         if self.linear is not None:
             kinematics = self.linear.said(self.states[-1].u)
         cells = "the cells of the file" if scene.body.shape == "file" else f"{scene.body.cell}s"
-        said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells}, of first order"}
+        element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
+        said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells}, of first order{element}"}
         if scene.obstacle is None:
             said["contact"] = "none: the scene has no obstacle"
         else:
