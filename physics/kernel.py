@@ -17,6 +17,7 @@ import os
 import re
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -128,14 +129,19 @@ def _packed(function: str) -> str:
 
 
 def _library(form: Any, loops: str) -> ctypes.CDLL:
-    """The compiled kernel of a form, from the cache of this processor or into it."""
+    """The compiled kernel of a form."""
+    return compiled(lambda: PACK + _packed(fem.cell_function(form)) + loops, fem.FFCX_VERSION, form.signature(), PACK, loops)
+
+
+def compiled(source: Callable[[], str] | str, *key: str) -> ctypes.CDLL:
+    """C++ source compiled for this processor, from the cache or into it; a source that is costly to write needs a key."""
     folder = fem.cache_folder()
     folder.mkdir(parents=True, exist_ok=True)
-    key = hashlib.sha256("\n".join([fem.FFCX_VERSION, form.signature(), *fem.COMPILE, PACK, loops]).encode()).hexdigest()[:32]
-    library = folder / f"kernel_{key}.so"
+    name = hashlib.sha256("\n".join([*fem.COMPILE, *(key or (str(source),))]).encode()).hexdigest()[:32]
+    library = folder / f"kernel_{name}.so"
     if not library.exists():
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
-            (Path(scratch) / "kernel.cpp").write_text(PACK + _packed(fem.cell_function(form)) + loops)
+            (Path(scratch) / "kernel.cpp").write_text(source if isinstance(source, str) else source())
             command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp"]
             made = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
             if made.returncode:
