@@ -94,7 +94,7 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
 def simulate(options: Options) -> dict[str, Any]:
     """The quasi-static path of a scene, by finite elements."""
     from datagen.generate import trajectory_of
-    from datagen.trajectory import write_trajectory
+    from datagen.trajectory import unfinished, write_trajectory
     from physics.equilibrium import solve
     from physics.scene import load_scene
 
@@ -102,19 +102,26 @@ def simulate(options: Options) -> dict[str, Any]:
     if scene.body.order != 1 or scene.body.shape == "channel":
         raise InputError(f"{options.scene}: simulate takes solid bodies of first order; modes take others too")
     out = _writable(options.out, ".vtkhdf")
+    if out.exists() and unfinished(out) not in (None, scene.to_toml()):
+        raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
 
+    part = out.with_name(out.name + ".part")
     with tqdm(total=scene.steps.count, disable=None, desc="simulate", unit="step") as bar:
-        solution = solve(scene, on_step=lambda step: bar.update(step - bar.n))
+        solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part)
     write_trajectory(out, trajectory_of(scene, solution=solution))
     steps = len(solution.displacement) - 1
+    if solution.resumed:
+        _say(options, f"went on after step {solution.resumed}, which an earlier run had reached")
     if solution.failure:
-        raise WorkError(f"{solution.failure}; the {steps} steps before it are in {out}")
+        raise WorkError(f"{solution.failure}; the {steps} steps before it are in {out}; the same call tries again from there, "
+                        f"without {part.name} from the start")
+    part.unlink(missing_ok=True)
     result = {"steps": steps, "ms_per_step": 1e3 * solution.seconds / steps,
               "newton_iterations": int(solution.newton_iterations.sum()), "factorisations": solution.factorisations,
               "largest_relative_residual": float(solution.relative_residual.max()),
               "largest_penetration": float(solution.penetration.max()),
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
-              "model": solution.model, "seconds": solution.seconds}
+              "model": solution.model, "seconds": solution.seconds, "resumed_after_step": solution.resumed}
     _say(options, f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
                   f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
     return result

@@ -33,7 +33,6 @@ A file is written under another name, flushed to disk and renamed: a reader neve
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +43,7 @@ from numpy.typing import NDArray
 
 from physics.mesh import VTK_TYPE, Mesh
 from physics.schema import InputError
+from physics.whole import write_whole
 
 SCHEMA = 1
 NORMAL, OBSTACLE, HANDLE = 0, 1, 3
@@ -115,24 +115,12 @@ def at_rest(mesh: Mesh, modes: NDArray[np.floating[Any]], **attributes: Any) -> 
 
 def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
     """Write a whole file, or none: it appears under its name only when it is complete on disk. Raises OSError."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     # The file is made in memory: on a full disk HDF5 would fill pages with its complaints, and later on again.
-    with h5py.File(part, "w", driver="core", backing_store=False, libver=("earliest", "v110")) as file:
+    with h5py.File(f"{path} in memory", "w", driver="core", backing_store=False, libver=("earliest", "v110")) as file:
         _write(file, trajectory)
         file.flush()
         image = file.id.get_file_image()
-    try:
-        with open(part, "wb") as handle:
-            handle.write(image)
-            handle.flush()
-            os.fsync(handle.fileno())
-        os.replace(part, path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        part.unlink(missing_ok=True)
+    write_whole(path, image)
 
 
 def _write(file: h5py.File, trajectory: Trajectory) -> None:
@@ -196,6 +184,15 @@ def read_trajectory(path: str | Path) -> Trajectory:
         raise InputError(f"{path}: {error}") from None
     except (OSError, KeyError, IndexError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"{path}: not a whole trajectory file: {str(error).splitlines()[0]}") from None
+
+
+def unfinished(path: str | Path) -> str | None:
+    """The scene of a file whose solver stopped before the last step; None for a finished one. Raises `InputError`."""
+    try:
+        with h5py.File(path, "r") as file:
+            return None if file.attrs["complete"] else str(file.attrs["scene"])
+    except (OSError, KeyError) as error:
+        raise InputError(f"{path}: not a trajectory file: {str(error).splitlines()[0]}") from None
 
 
 def _read(file: h5py.File) -> Trajectory:

@@ -152,10 +152,11 @@ class Zone:
     """The part of a surface near an obstacle: for as long as `covers` says so, all that contact has to look at.
 
     points: (q,) of the surface; nodes: (m,) behind them; weights: (q, m) dense; softness: (q,) [m/N]
+    made_at, made_with: the displacements (N, 3) and the obstacle's centre (3,) that it was made for
     """
 
     def __init__(self, contact: Contact, u: Floats, centre: Floats, reach: float) -> None:
-        self._contact, self._u, self._centre, self._reach = contact, u, centre, reach
+        self._contact, self.made_at, self.made_with, self._reach = contact, u, centre, reach
         self.points = np.flatnonzero(contact.gaps(u, centre)[0] < reach)
         rows = contact.surface.weights[self.points]
         self.nodes = np.unique(rows.indices).astype(np.int64)
@@ -165,8 +166,8 @@ class Zone:
 
     def covers(self, u: Floats, centre: Floats, near: float) -> bool:
         """True when no point outside of the zone can have a gap below `near` [m]."""
-        change = u - self._u
-        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self._centre)
+        change = u - self.made_at
+        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self.made_with)
         return bool(moved <= self._reach - near)
 
     def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:

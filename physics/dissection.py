@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cython_blas, cython_lapack
 
-from physics.kernel import compiled
+from physics.native import compiled, pointer
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LEAF = 40  # nodes of a part that is not cut any further
+LEAF = 20  # nodes of a part that is not cut any further
 
 SOURCE = r"""
 #include <cstdint>
@@ -227,31 +227,18 @@ def _laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list
         numbers=int(panel[-1]), memory=int(memory), operations=float((s**3 / 3 + s**2 * b + s * b**2).sum()))
 
 
-def slots(dissection: Dissection, cells: NDArray[np.int32], free: NDArray[np.bool_]) -> tuple[NDArray[np.int32], Integers]:
-    """Where the entries of each cell's matrix go in the panels, (C, (3 n)^2), and where the diagonal of held unknowns is.
-
-    Above the diagonal, and at unknowns that are not free (N, 3), that is one place behind all panels.
-    """
+def slots(dissection: Dissection, rows: Integers, columns: Integers) -> Integers:
+    """Where entries of a matrix go in the panels: row and column are unknowns in the order of elimination, of nodes of one cell."""
     d = dissection
-    count, n = cells.shape
-    where, owner = d.place[cells], np.repeat(np.arange(len(d.part)), d.part[:, 0] // 3)
-    keys = np.repeat(np.arange(len(d.part)), d.part[:, 1] // 3) * len(d.order) + d.boundary
-    found = np.full((count, n, 3, n, 3), d.numbers, np.int32)
-    for a in range(n):
-        for c in range(n):
-            row, column = where[:, a], where[:, c]
-            part = owner[column]
-            s, b, panel, first, begin = d.part[part, :5].T
-            outside = np.searchsorted(keys, part * len(d.order) + row) - begin + s // 3
-            local = np.where(owner[row] == part, row - first, outside)
-            for i in range(3):
-                for k in range(3):
-                    kept = (row > column) | ((row == column) & (i >= k))
-                    kept &= free[cells[:, a], i] & free[cells[:, c], k]
-                    found[kept, a, i, c, k] = (panel + (3 * (column - first) + k) * (s + b) + 3 * local + i)[kept]
-    held_node, held_component = np.nonzero(~free[d.order])
-    s, b, panel, first = d.part[owner[held_node], :4].T
-    return found.reshape(count, -1), panel + (3 * (held_node - first) + held_component) * (s + b + 1)
+    late, early = np.maximum(rows, columns), np.minimum(rows, columns)
+    row, column = late // 3, early // 3
+    owner = np.repeat(np.arange(len(d.part)), d.part[:, 0] // 3)  # (N,)
+    part = owner[column]
+    s, b, panel, first, begin = d.part[part, :5].T
+    keys = np.repeat(np.arange(len(d.part)), d.part[:, 1] // 3) * len(owner) + d.boundary
+    outside = np.searchsorted(keys, part * len(owner) + row) - begin + s // 3
+    local = np.where(owner[row] == part, row - first, outside)
+    return panel + (early - 3 * first) * (s + b) + 3 * local + late % 3
 
 
 class Panels:
@@ -271,7 +258,7 @@ class Panels:
         """Turn the entries in `values` into those of the factor; False when there is none."""
         d, call = self.dissection, self._call
         return not self._library.factor(
-            ctypes.c_int64(len(d.part)), _pointer(d.part), _pointer(d.children), _pointer(d.at), _pointer(self.values), _pointer(self._work),
+            ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.children), pointer(d.at), pointer(self.values), pointer(self._work),
             call["dpotrf"], call["dtrsm"], call["dsyrk"])
 
     def forward(self, x: Floats, parts: Integers | None = None, rows: Integers | None = None) -> Floats:
@@ -280,9 +267,9 @@ class Panels:
         chosen, k = self._every if parts is None else parts, x.shape[-1]
         scratch = np.empty(int(d.part[:, 1].max()) * k)
         self._library.forward(
-            ctypes.c_int64(len(chosen)), _pointer(chosen), _pointer(d.part), _pointer(d.boundary),
-            _pointer(self._rows if rows is None else rows), ctypes.c_int(k), _pointer(self.values), _pointer(x),
-            _pointer(scratch), call["dtrsm"], call["dgemm"], call["dtrsv"], call["dgemv"])
+            ctypes.c_int64(len(chosen)), pointer(chosen), pointer(d.part), pointer(d.boundary),
+            pointer(self._rows if rows is None else rows), ctypes.c_int(k), pointer(self.values), pointer(x),
+            pointer(scratch), call["dtrsm"], call["dgemm"], call["dtrsv"], call["dgemv"])
         return x
 
     def backward(self, x: Floats) -> Floats:
@@ -290,25 +277,29 @@ class Panels:
         d, call = self.dissection, self._call
         scratch = np.empty(int(d.part[:, 1].max()))
         self._library.backward(
-            ctypes.c_int64(len(d.part)), _pointer(d.part), _pointer(d.boundary), _pointer(self.values), _pointer(x),
-            _pointer(scratch), call["dtrsv"], call["dgemv"])
+            ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.boundary), pointer(self.values), pointer(x),
+            pointer(scratch), call["dtrsv"], call["dgemv"])
         return x
 
-    def above(self, places: Integers) -> Integers:
-        """The parts of some places and all that cut them off, in the order of elimination."""
-        d = self.dissection
+    def columns(self, unknowns: Integers, free: NDArray[np.bool_]) -> tuple[Integers, Floats]:
+        """L^-1 of unit vectors at the three unknowns (n, 3) of n nodes, zero where they are not free (n, 3).
+
+        Returns:
+            rows (r,) outside of which it is zero, and the columns (r, 3 n)
+        """
+        d, places = self.dissection, unknowns[:, 0] // 3
         reached = np.zeros(len(d.part), bool)
         front = np.unique(np.searchsorted(d.part[:, 3], places, side="right") - 1)
-        while len(front):
+        while len(front):  # up to the last separator
             reached[front] = True
             front = np.unique(d.parent[front])
             front = front[front >= 0]
-        return np.flatnonzero(reached)
-
-
-def _pointer(array: NDArray[np.generic]) -> ctypes.c_void_p:
-    assert array.flags.c_contiguous
-    return ctypes.c_void_p(array.ctypes.data)
+        inside = np.repeat(reached, d.part[:, 0] // 3)
+        row = np.cumsum(inside) - 1
+        right = np.zeros((3 * int(inside.sum()), unknowns.size))
+        right[(3 * row[places][:, None] + np.arange(3)).ravel(), np.arange(unknowns.size)] = free.ravel()
+        self.forward(right.reshape(-1, 3, unknowns.size), np.flatnonzero(reached), row)
+        return (3 * np.flatnonzero(inside)[:, None] + np.arange(3)).ravel(), right
 
 
 def _blas(name: str) -> ctypes.c_void_p:

@@ -4,6 +4,8 @@ What balances what stands in balance.py, how one equilibrium is found in newton.
 to be slow. Each equilibrium starts from a polynomial through the last states, of the order that would have predicted the
 last one best. Before anything touches or loads the body nothing is solved.
 
+A path can be kept in a journal (journal.py) and gone on with after a kill, to the same bits as if nothing had happened.
+
 A step without an equilibrium is taken in two halves, down to 2^-HALVINGS of a step; then the path ends with a clear failure
 that keeps what was solved before. A step in which the obstacle could jump through the body is halved beforehand.
 
@@ -12,14 +14,18 @@ Legend: N nodes, Q contact points, T steps + 1.
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physics.balance import Balance
+from physics.journal import Arrays, Journal
 from physics.mesh import Mesh, build_mesh
 from physics.newton import Newton, NoEquilibrium, State
 from physics.quality import smallest_det_f
@@ -46,6 +52,7 @@ class Solution:
     halvings: int
     model: dict[str, str]  # what was modelled, and why
     seconds: float
+    resumed: int = 0  # steps that an earlier, unfinished run had reached
     failure: str = ""  # empty when every step was reached
 
 
@@ -76,6 +83,28 @@ class Path:
         self.advance((last.fraction + fraction) / 2, depth + 1)
         return self.advance(fraction, depth + 1)
 
+    def frame(self) -> Arrays:
+        """What is reported of the last state; each of the arrays is a row of one in `Solution`."""
+        state = self.states[-1]
+        energy = self.balance.elasticity.energy(state.u) if state.u.any() else 0.0
+        found: dict[str, Any] = {
+            "displacement": state.u, "reaction": state.reaction, "energy": energy, "penetration": state.penetration,
+            "newton_iterations": state.iterations, "relative_residual": state.residual}
+        return {name: np.asarray(value) for name, value in found.items()}
+
+    def memory(self) -> Arrays:
+        """All that the rest of the path depends on: what `recall` takes."""
+        return {"fraction": np.array([state.fraction for state in self.states]), "u": np.array([state.u for state in self.states]),
+                "pressure": np.array([state.pressure for state in self.states]), "order": np.array(self.order),
+                "halvings": np.array(self.halvings), **{f"newton_{name}": array for name, array in self.newton.memory().items()}}
+
+    def recall(self, memory: Arrays) -> None:
+        """Go on as the path whose memory this is would have, to the last bit."""
+        self.states = [State(float(fraction), u, pressure)
+                       for fraction, u, pressure in zip(memory["fraction"], memory["u"], memory["pressure"], strict=True)]
+        self.order, self.halvings = int(memory["order"]), int(memory["halvings"])
+        self.newton.recall({name.removeprefix("newton_"): array for name, array in memory.items() if name.startswith("newton_")})
+
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""
         u = extrapolate(self.states[-1 - self.order:], fraction)
@@ -105,40 +134,62 @@ def extrapolate(states: list[State], fraction: float) -> Floats:
     return sum((weight * state.u for weight, state in zip(weights, states, strict=True)), np.zeros_like(states[0].u))
 
 
-def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None) -> Solution:
+def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal: str | FilePath | None = None) -> Solution:
     """Follow the path of a scene from rest through all of its steps.
 
     Args:
         on_step: called with the number of each step that is reached
+        journal: a file that keeps the path as it grows; what it holds of an earlier run of the same scene is gone on from, also
+            when that run ended in a failure: then the step that failed is tried again. It is left for the caller to delete.
 
     Returns:
         the path; when a step has no equilibrium that could be found, all steps before it and `failure`
 
     Raises:
-        InputError: the scene has no solution to look for
+        InputError: the scene has no solution to look for, or the journal is of another scene
+        WorkError: another process has the journal open
+        OSError: the journal cannot be written
     """
-    started = time.perf_counter()
+    started, spent = time.perf_counter(), 0.0
     mesh = build_mesh(scene.body)
-    path = Path(scene, mesh)
-    states, energy, failure = [path.states[0]], [0.0], ""
-    for step in range(1, scene.steps.count + 1):
-        try:
-            state = path.advance(step / scene.steps.count)
-        except NoEquilibrium as error:
-            failure = f"no equilibrium at step {step}: {error}"
-            break
-        states.append(state)
-        energy.append(path.balance.elasticity.energy(state.u) if state.u.any() else 0.0)
-        if on_step is not None:
-            on_step(step)
-    u = np.array([state.u for state in states])
+    path, frames, failure = Path(scene, mesh), [], ""
+    kept = None if journal is None else Journal(journal, identity(scene, mesh))
+    try:
+        if kept is not None and kept.frames:
+            frames = [dict(zip(kept.frames, rows, strict=True)) for rows in zip(*kept.frames.values(), strict=True)]
+            spent = float(kept.memory["seconds"])
+            path.recall(kept.memory)
+        resumed = max(0, len(frames) - 1)
+        for step in range(len(frames), scene.steps.count + 1):
+            try:
+                if step:
+                    path.advance(step / scene.steps.count)
+            except NoEquilibrium as error:
+                failure = f"no equilibrium at step {step}: {error}"
+                break
+            frames.append(path.frame())
+            if kept is not None:
+                kept.add(frames[-1], path.memory() | {"seconds": np.array(spent + time.perf_counter() - started)})
+            if on_step is not None and step:
+                on_step(step)
+        if kept is not None:
+            kept.save()
+    finally:
+        if kept is not None:
+            kept.close()
+    rows = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
     return Solution(
-        mesh=mesh, displacement=u, reaction=np.array([state.reaction for state in states]), energy=np.array(energy),
-        penetration=np.array([state.penetration for state in states]),
-        smallest_det_f=smallest_det_f(mesh.points, u, mesh.cells, mesh.cell),
-        newton_iterations=np.array([state.iterations for state in states]),
-        relative_residual=np.array([state.residual for state in states]), factorisations=path.newton.factorisations,
-        halvings=path.halvings, model=model(scene, path), seconds=time.perf_counter() - started, failure=failure)
+        mesh=mesh, **rows, smallest_det_f=smallest_det_f(mesh.points, rows["displacement"], mesh.cells, mesh.cell),
+        factorisations=path.newton.factorisations, halvings=path.halvings, model=model(scene, path),
+        seconds=spent + time.perf_counter() - started, resumed=resumed, failure=failure)
+
+
+def identity(scene: Scene, mesh: Mesh) -> str:
+    """One line that no other scene has, nor this one with another mesh in its file."""
+    digest = hashlib.sha256(scene.to_toml().encode())
+    for array in (mesh.points, mesh.cells):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 def model(scene: Scene, path: Path) -> dict[str, str]:

@@ -12,6 +12,7 @@ Legend: N nodes, Q contact points, q of them in a zone near the obstacle.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,6 @@ TOLERANCE = 1e-6  # residual force over reaction
 NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
 REACH = 2.0  # and up to this many cell sizes away they are looked at
 ITERATIONS = 12  # Newton steps before a state is given up
-REFACTOR_COST = 8  # a new factor costs about as much as this many Newton steps with the old one
 
 
 class NoEquilibrium(RuntimeError):
@@ -71,8 +71,8 @@ class Newton:
         self._definite = self.factor
         self._general: SparseFactor | None = None  # for states whose stiffness is not positive definite
         self._fresh, self._excess, self._stale = 2, 0, True  # steps a new factor needed, steps beyond them since, worn out
+        self._factored_at = np.empty(0)  # displacements (N, 3) of the kept factor
         self._zone: Zone | None = None
-        self._compliance: tuple[NDArray[np.int64], Floats] | None = None
 
     def equilibrium(self, fraction: float, start: Floats, last: State) -> State:
         """The equilibrium at a fraction of the loading, from a start (N, 3) and the contact forces of the last one.
@@ -84,7 +84,7 @@ class Newton:
             try:
                 state = self._newton(fraction, start, last)
                 self._excess += max(0, state.iterations - self._fresh)
-                self._stale = self._excess > REFACTOR_COST
+                self._stale = self._excess > self.factor.worth
                 return state
             except NoEquilibrium:
                 pass
@@ -107,6 +107,29 @@ class Newton:
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
 
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """All that the next equilibrium depends on besides its start: what `recall` takes."""
+        kept = {"counts": np.array([self.factorisations, self._fresh, self._excess])}
+        if self._zone is not None:
+            kept |= {"zone": self._zone.made_at, "zone_centre": self._zone.made_with}
+        if not self._stale:
+            kept["factored_at"] = self._factored_at
+            if self.factor.learned:
+                kept["learned"] = np.concatenate(self.factor.learned)
+                kept["learned_in"] = np.array([len(nodes) for nodes in self.factor.learned])
+        return kept
+
+    def recall(self, memory: dict[str, NDArray[Any]]) -> None:
+        """Go on as the one whose memory this is would have: the same factor is made again, at the cost of one."""
+        if "zone" in memory and self.balance.contact is not None:
+            self._zone = self.balance.contact.zone(memory["zone"], memory["zone_centre"], REACH * self.balance.size)
+        if "factored_at" in memory:
+            self._refactor(memory["factored_at"])
+            if "learned" in memory:
+                for nodes in np.split(memory["learned"], np.cumsum(memory["learned_in"])[:-1]):
+                    self.factor.learn(nodes)
+        self.factorisations, self._fresh, self._excess = (int(count) for count in memory["counts"])
+
     def _refactor(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3); where it is not positive definite, by the method that bears it."""
         self.factor, self._stale = self._definite, True
@@ -120,7 +143,7 @@ class Newton:
             except NotPositiveDefinite as error:
                 raise NoEquilibrium(str(error)) from None
         self.factorisations += 1
-        self._compliance = None
+        self._factored_at = u
         self._stale, self._excess = False, 0
 
     def _newton(self, fraction: float, start: Floats, last: State, *, renew: bool = False) -> State:
@@ -166,31 +189,27 @@ class Newton:
 
     def _step(self, force: Floats, touch: Touch | None) -> Floats:
         """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
-        step = self.factor.solve(-force)  # were there no contact
+        free = self.factor.begin(-force)  # were there no contact
         if touch is None:
-            return step
+            return self.factor.finish(free)
         near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
         touched, touch.pressure = touch.pressure[near] > 0, np.zeros_like(touch.gap)
         if not len(near):
-            return step
+            return self.factor.finish(free)
         zone = touch.zone
         nodes = np.flatnonzero(zone.weights[near].any(axis=0))
         gradient = zone.gradient(near, nodes, touch.normal)  # (k, 3 n)
         matrix = self._contact_matrix(touch, near, nodes, gradient)
-        gap = touch.gap[near] + gradient @ step[zone.nodes[nodes]].ravel()
+        gap = touch.gap[near] + gradient @ self.factor.at(free, zone.nodes[nodes]).ravel()
         try:
             touch.pressure[near] = solve_complementarity(matrix, gap, touched, definite=not self.factor.negative)
         except (np.linalg.LinAlgError, RuntimeError):  # the latter when non-negative least squares do not end
             raise NoEquilibrium("the body gives way to contact without resistance") from None
-        if not touch.pressure.any():
-            return step
-        push = np.zeros_like(force)
-        push[zone.nodes] = zone.forces(touch.pressure, touch.normal)
-        return step + self.factor.solve(push)
+        return self.factor.finish(free, zone.nodes[nodes], (touch.pressure[near] @ gradient).reshape(-1, 3))
 
     def _contact_matrix(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats) -> Floats:
         """(k, k) G K^-1 G^T + diag(c) of k points of a zone, G = gradient (k, 3 n) on n of its nodes."""
-        matrix = gradient @ self._compliance_of(touch.zone.nodes[nodes]) @ gradient.T
+        matrix = gradient @ self.factor.compliance(touch.zone.nodes[nodes]) @ gradient.T
         matrix[np.diag_indices(len(points))] += touch.zone.softness[points]
         return matrix
 
@@ -210,15 +229,6 @@ class Newton:
             held = int((np.linalg.eigvalsh(self._contact_matrix(touch, points, nodes, gradient)) < 0).sum())
         if held < self.factor.negative:
             raise NoEquilibrium("the body is unstable: it snaps through or buckles")
-
-    def _compliance_of(self, nodes: NDArray[np.int64]) -> Floats:
-        """(3 n, 3 n) of the kept factor, from what is known of it, or computed for these nodes and those known before."""
-        if self._compliance is None or not np.isin(nodes, self._compliance[0], assume_unique=True).all():
-            known = nodes if self._compliance is None else np.union1d(nodes, self._compliance[0])
-            self._compliance = known, self.factor.compliance(known)
-        known, compliance = self._compliance
-        rows = (3 * np.searchsorted(known, nodes)[:, None] + np.arange(3)).ravel()
-        return compliance[np.ix_(rows, rows)]
 
     def _judge(self, fraction: float, u: Floats, force: Floats, touch: Touch | None, pressure: Floats, iteration: int) -> State:
         """How far displacements (N, 3) with out-of-balance forces (N, 3) and contact forces (Q,) are from equilibrium."""
