@@ -42,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.mesh import VTK_TYPE, Mesh
+from physics.scene import Scene
 from physics.schema import InputError
 from physics.whole import write_whole
 
@@ -225,6 +226,13 @@ def read_sound(path: str | Path, *, complete: bool = True) -> Trajectory:
     for wrong in problems(trajectory if complete else replace(trajectory, complete=True)):
         raise InputError(f"{path}: {wrong}")
     return trajectory
+
+
+def as_solved(scene: Scene, trajectory: Trajectory, step: int) -> Scene:
+    """The scene whose equations a step of its trajectory solves: under the linear law where the solver saw that it is enough."""
+    if step > trajectory.extra.get("linear_steps", 0):
+        return scene
+    return replace(scene, material=replace(scene.material, law="linear"))
 
 
 def problems(trajectory: Trajectory) -> list[str]:

@@ -1,8 +1,8 @@
 """Quasi-static path following: the equilibria of a body while loads, supports and a rigid obstacle advance.
 
-What balances what stands in balance.py, how one equilibrium is found in newton.py. Inertia is left out: the loading is taken
-to be slow. Each equilibrium starts from a polynomial through the last states, of the order that would have predicted the
-last one best. Before anything touches or loads the body nothing is solved.
+What balances what stands in balance.py, how one equilibrium is found in newton.py, when small strain is enough in linear.py.
+Inertia is left out: the loading is taken to be slow (inertia.py). Each equilibrium starts from a polynomial through the last
+states, of the order that would have predicted the last one best. Before anything touches or loads the body nothing is solved.
 
 A path can be kept in a journal (journal.py) and gone on with after a kill, to the same bits as if nothing had happened.
 
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from physics.balance import Balance
 from physics.journal import Arrays, Journal
+from physics.linear import LINEAR_TOLERANCE, choose
 from physics.mesh import Mesh, build_mesh
 from physics.newton import Newton, NoEquilibrium, State
 from physics.quality import smallest_det_f
@@ -52,6 +53,7 @@ class Solution:
     halvings: int
     model: dict[str, str]  # what was modelled, and why
     seconds: float
+    linear_steps: int = 0  # the first ones, which solve linear elasticity
     resumed: int = 0  # steps that an earlier, unfinished run had reached
     failure: str = ""  # empty when every step was reached
 
@@ -60,8 +62,11 @@ class Path:
     """The way through the equilibria of a scene."""
 
     def __init__(self, scene: Scene, mesh: Mesh) -> None:
-        self.balance = Balance(scene, mesh)
-        self.newton = Newton(self.balance)
+        self._finite = Balance(scene, mesh)
+        self.linear, self.kinematics = choose(scene, mesh, self._finite)  # as long as small strain is enough, and why it is not
+        self.linear_steps = 0
+        self.newton = self.linear.newton if self.linear else Newton(self._finite)
+        self.balance = self.newton.balance
         contact = self.balance.contact
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(0 if contact is None else len(contact.surface.area)))]
         self.order, self.halvings = 0, 0
@@ -75,17 +80,32 @@ class Path:
         if not last.u.any() and self.balance.rests(fraction):
             return self._append(State(fraction, last.u, last.pressure))
         try:
-            return self._append(self.newton.equilibrium(fraction, self._predict(fraction), last))
+            if self.linear is not None and self.balance.contact is None:
+                state = self.linear.scaled(fraction)
+            else:
+                state = self.newton.equilibrium(fraction, self._predict(fraction), last)
+            if self.linear is None or self.linear.holds(state.u):
+                return self._append(state)
         except NoEquilibrium as error:
-            if depth == HALVINGS:
+            if depth == HALVINGS and (self.linear is None or self.linear.asked):
                 raise NoEquilibrium(f"{error} after {HALVINGS} halvings; {self._advice()}") from None
+        if self.linear is not None and not self.linear.asked:
+            self._leave_linear()
+            return self.advance(fraction, depth)
         self.halvings += 1
         self.advance((last.fraction + fraction) / 2, depth + 1)
         return self.advance(fraction, depth + 1)
 
+    def _leave_linear(self) -> None:
+        assert self.linear is not None
+        self.kinematics = (f"finite strain after {self.linear_steps} steps of linear elasticity, which in the next one would have been "
+                           f"off by {self.linear.error:.1e} of the largest displacement, {LINEAR_TOLERANCE:g} is allowed")
+        self.linear, self.newton, self.balance = None, Newton(self._finite), self._finite
+
     def frame(self) -> Arrays:
         """What is reported of the last state; each of the arrays is a row of one in `Solution`."""
         state = self.states[-1]
+        self.linear_steps += self.linear is not None and state.fraction > 0
         energy = self.balance.elasticity.energy(state.u) if state.u.any() else 0.0
         found: dict[str, Any] = {
             "displacement": state.u, "reaction": state.reaction, "energy": energy, "penetration": state.penetration,
@@ -94,16 +114,38 @@ class Path:
 
     def memory(self) -> Arrays:
         """All that the rest of the path depends on: what `recall` takes."""
-        return {"fraction": np.array([state.fraction for state in self.states]), "u": np.array([state.u for state in self.states]),
-                "pressure": np.array([state.pressure for state in self.states]), "order": np.array(self.order),
-                "halvings": np.array(self.halvings), **{f"newton_{name}": array for name, array in self.newton.memory().items()}}
+        kept = {name: np.array([getattr(state, name) for state in self.states]) for name in ("fraction", "u", "pressure")}
+        kept |= {name: np.array(getattr(self, name)) for name in ("order", "halvings", "linear_steps", "kinematics")}
+        if self.linear is not None:
+            kept |= self.linear.memory()
+        return kept | {f"newton_{name}": array for name, array in self.newton.memory().items()}
 
     def recall(self, memory: Arrays) -> None:
         """Go on as the path whose memory this is would have, to the last bit."""
         self.states = [State(float(fraction), u, pressure)
                        for fraction, u, pressure in zip(memory["fraction"], memory["u"], memory["pressure"], strict=True)]
-        self.order, self.halvings = int(memory["order"]), int(memory["halvings"])
+        self.order, self.halvings, self.linear_steps = (int(memory[name]) for name in ("order", "halvings", "linear_steps"))
+        if self.linear is not None and "linear" not in memory:
+            self.linear, self.newton, self.balance = None, Newton(self._finite), self._finite
+        elif self.linear is not None:
+            self.linear.recall(memory)
+        self.kinematics = str(memory["kinematics"])
         self.newton.recall({name.removeprefix("newton_"): array for name, array in memory.items() if name.startswith("newton_")})
+
+    def model(self) -> dict[str, str]:
+        """What is modelled, and why, in words."""
+        scene, kinematics = self.balance.scene, self.kinematics
+        if self.linear is not None:
+            kinematics = self.linear.said(self.states[-1].u)
+        cells = "the cells of the file" if scene.body.shape == "file" else f"{scene.body.cell}s"
+        element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
+        said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells}, of first order{element}"}
+        if scene.obstacle is None:
+            said["contact"] = "none: the scene has no obstacle"
+        else:
+            points = "points of the surface facets" if scene.obstacle.contact == "facets" else "surface nodes"
+            said["contact"] = f"frictionless at {points}, rigid {scene.obstacle.shape}; nothing is solved before it touches"
+        return said | {"factor": self.newton.factor.name}
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""
@@ -180,7 +222,7 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal
     rows = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
     return Solution(
         mesh=mesh, **rows, smallest_det_f=smallest_det_f(mesh.points, rows["displacement"], mesh.cells, mesh.cell),
-        factorisations=path.newton.factorisations, halvings=path.halvings, model=model(scene, path),
+        factorisations=path.newton.factorisations, halvings=path.halvings, model=path.model(), linear_steps=path.linear_steps,
         seconds=spent + time.perf_counter() - started, resumed=resumed, failure=failure)
 
 
@@ -190,16 +232,3 @@ def identity(scene: Scene, mesh: Mesh) -> str:
     for array in (mesh.points, mesh.cells):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
-
-
-def model(scene: Scene, path: Path) -> dict[str, str]:
-    """What is modelled, and why, in words."""
-    cells = "the cells of the file" if scene.body.shape == "file" else f"{scene.body.cell}s"
-    said = {"kinematics": f"finite strain, {scene.material.law}; {cells}, of first order",
-            "inertia": "none: quasi-static loading", "factor": path.newton.factor.name}
-    if scene.obstacle is None:
-        said["contact"] = "none: the scene has no obstacle"
-    else:
-        points = "points of the surface facets" if scene.obstacle.contact == "facets" else "surface nodes"
-        said["contact"] = f"frictionless at {points}, rigid {scene.obstacle.shape}; nothing is solved before it touches"
-    return said

@@ -1,7 +1,8 @@
 """One equilibrium: Newton's method with a factor that is kept as long as it pays.
 
 The out-of-balance force falls by about the same factor at each step while the stiffness changes little, so one Cholesky
-factor (factor.py) serves many equilibria, until the steps that it costs more than a fresh one outweigh making a new one.
+factor (factor.py) serves many equilibria, until the steps that it costs more than a fresh one outweigh making a new one;
+mixing (mixing.py) makes that later.
 Contact never enters that factor: forces at the points near the obstacle follow from a small dense problem on its compliance
 (contact.py). A body that the obstacle alone keeps from giving way has an indefinite stiffness; its factor then shows, by
 its negative pivots, whether contact holds every direction in which the body would give way.
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from physics.balance import GAP_TOLERANCE, Balance
 from physics.contact import Zone, solve_complementarity
 from physics.factor import Factor, NotPositiveDefinite, SparseFactor, factor_for
+from physics.mixing import Mixing
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +29,7 @@ TOLERANCE = 1e-6  # residual force over reaction
 NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
 REACH = 2.0  # and up to this many cell sizes away they are looked at
 ITERATIONS = 12  # Newton steps before a state is given up
+TURNED = 0.035  # of the body's smallest extent that a node may move before the factor that corrects predictions is made anew
 
 
 class NoEquilibrium(RuntimeError):
@@ -62,10 +65,11 @@ class Newton:
 
     Attributes:
         factor: the kept one; factorisations: how many there were
+        tolerance: of the residual force, over the reaction
     """
 
-    def __init__(self, balance: Balance) -> None:
-        self.balance = balance
+    def __init__(self, balance: Balance, *, tolerance: float = TOLERANCE) -> None:
+        self.balance, self.tolerance = balance, tolerance
         self.factor: Factor = factor_for(balance.elasticity)
         self.factorisations = 0
         self._definite = self.factor
@@ -73,6 +77,7 @@ class Newton:
         self._fresh, self._excess, self._stale = 2, 0, True  # steps a new factor needed, steps beyond them since, worn out
         self._factored_at = np.empty(0)  # displacements (N, 3) of the kept factor
         self._zone: Zone | None = None
+        self._mixing = Mixing()
 
     def equilibrium(self, fraction: float, start: Floats, last: State) -> State:
         """The equilibrium at a fraction of the loading, from a start (N, 3) and the contact forces of the last one.
@@ -107,6 +112,33 @@ class Newton:
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
 
+    def improve(self, fraction: float, start: Floats, last: State, *, count: int) -> State:
+        """At most `count` Newton steps from a start (N, 3), contact included; fewer when they reach an equilibrium.
+
+        The factor is that of an earlier state, kept until some node has moved by TURNED of the body's smallest extent h: where
+        the end of a slender body has moved by d across it, a step along its soft directions is off by a share of the order of
+        10 (d/h)^2, because the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3).
+
+        Raises:
+            NoEquilibrium: the stiffness cannot be factored, or offers contact no resistance
+        """
+        balance, outer, state = self.balance, fraction * self.balance.load, last
+        limit = TURNED * float(np.ptp(balance.mesh.points, axis=0).min())
+        if self._stale or np.sqrt(((last.u - self._factored_at) ** 2).sum(axis=1).max()) > limit:
+            self._refactor(last.u)  # an equilibrium, or nearly one; a bad guess may be anything
+        u, pressure = start, last.pressure
+        touch = self._touch(fraction, u, pressure)
+        force = balance.elasticity.force(u) - outer
+        for iteration in range(1, count + 1):
+            u = u + self._step(force, touch)
+            force = balance.elasticity.force(u) - outer
+            pressure = last.pressure if touch is None else self._on_surface(touch, last.pressure)
+            touch = self._touch(fraction, u, pressure)
+            state = self._judge(fraction, u, force, touch, pressure, iteration)
+            if max(state.residual / self.tolerance, state.gap_error / (GAP_TOLERANCE * balance.size)) <= 1:
+                break
+        return state
+
     def memory(self) -> dict[str, NDArray[Any]]:
         """All that the next equilibrium depends on besides its start: what `recall` takes."""
         kept = {"counts": np.array([self.factorisations, self._fresh, self._excess])}
@@ -117,6 +149,9 @@ class Newton:
             if self.factor.learned:
                 kept["learned"] = np.concatenate(self.factor.learned)
                 kept["learned_in"] = np.array([len(nodes) for nodes in self.factor.learned])
+            if self._mixing.differences:
+                for i, name in enumerate("usp"):
+                    kept[f"mixing_{name}"] = np.array([difference[i] for difference in self._mixing.differences])
         return kept
 
     def recall(self, memory: dict[str, NDArray[Any]]) -> None:
@@ -128,6 +163,8 @@ class Newton:
             if "learned" in memory:
                 for nodes in np.split(memory["learned"], np.cumsum(memory["learned_in"])[:-1]):
                     self.factor.learn(nodes)
+            if "mixing_u" in memory:
+                self._mixing.differences = list(zip(*(memory[f"mixing_{name}"] for name in "usp"), strict=True))
         self.factorisations, self._fresh, self._excess = (int(count) for count in memory["counts"])
 
     def _refactor(self, u: Floats) -> None:
@@ -144,6 +181,7 @@ class Newton:
                 raise NoEquilibrium(str(error)) from None
         self.factorisations += 1
         self._factored_at = u
+        self._mixing.forget()
         self._stale, self._excess = False, 0
 
     def _newton(self, fraction: float, start: Floats, last: State, *, renew: bool = False) -> State:
@@ -152,16 +190,17 @@ class Newton:
         u, outer = start, fraction * balance.load
         touch = self._touch(fraction, u, last.pressure)
         force = balance.elasticity.force(u) - outer
+        self._mixing.begin()
         previous = np.inf
         for iteration in range(1, ITERATIONS + 1):
             if renew:
                 self._refactor(u)
-            u = u + self._step(force, touch)
+            step = self._step(force, touch)
+            u, pressure = self._mixing.next(u, step, last.pressure if touch is None else self._on_surface(touch, last.pressure))
             force = balance.elasticity.force(u) - outer
-            pressure = last.pressure if touch is None else self._on_surface(touch, last.pressure)
             touch = self._touch(fraction, u, pressure)
             state = self._judge(fraction, u, force, touch, pressure, iteration)
-            error = max(state.residual / TOLERANCE, state.gap_error / (GAP_TOLERANCE * balance.size))
+            error = max(state.residual / self.tolerance, state.gap_error / (GAP_TOLERANCE * balance.size))
             if error <= 1:
                 self._check_stable(touch)
                 return state
