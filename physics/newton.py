@@ -1,7 +1,8 @@
 """One equilibrium: Newton's method with a factor that is kept as long as it pays.
 
 The out-of-balance force falls by about the same factor at each step while the stiffness changes little, so one Cholesky
-factor (factor.py) serves many equilibria, until the steps that it costs more than a fresh one outweigh making a new one.
+factor (factor.py) serves many equilibria, until the steps that it costs more than a fresh one outweigh making a new one;
+mixing (mixing.py) makes that later.
 Contact never enters that factor: forces at the points near the obstacle follow from a small dense problem on its compliance
 (contact.py). A body that the obstacle alone keeps from giving way has an indefinite stiffness; its factor then shows, by
 its negative pivots, whether contact holds every direction in which the body would give way.
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from physics.balance import GAP_TOLERANCE, Balance
 from physics.contact import Zone, solve_complementarity
 from physics.factor import Factor, NotPositiveDefinite, SparseFactor, factor_for
+from physics.mixing import Mixing
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +30,6 @@ NEAR = 0.25  # points nearer than this many cell sizes take part in the compleme
 REACH = 2.0  # and up to this many cell sizes away they are looked at
 ITERATIONS = 12  # Newton steps before a state is given up
 TURNED = 0.035  # of the body's smallest extent that a node may move before the factor that corrects predictions is made anew
-REFACTOR_COST = 8  # a new factor costs about as much as this many Newton steps with the old one
 
 
 class NoEquilibrium(RuntimeError):
@@ -110,7 +111,7 @@ class Newton:
         self._factored_at = np.empty(0)  # displacements (N, 3) of the kept factor
         self._giving = 0  # negative eigenvalues of K' at the last step
         self._zone: Zone | None = None
-        self._compliance: tuple[NDArray[np.int64], Floats] | None = None
+        self._mixing = Mixing()
 
     def equilibrium(self, fraction: float, start: Floats, last: State) -> State:
         """The equilibrium at a fraction of the loading, from a start (N, 3) and the contact forces of the last one.
@@ -122,7 +123,7 @@ class Newton:
             try:
                 state = self._newton(fraction, start, last)
                 self._excess += max(0, state.iterations - self._fresh)
-                self._stale = self._excess > REFACTOR_COST
+                self._stale = self._excess > self.factor.worth
                 return state
             except NoEquilibrium:
                 pass
@@ -187,8 +188,12 @@ class Newton:
             kept |= {"zone": self._zone.made_at, "zone_centre": self._zone.made_with}
         if not self._stale:
             kept["factored_at"] = self._factored_at
-            if self._compliance is not None:
-                kept["compliance"] = self._compliance[0]
+            if self.factor.learned:
+                kept["learned"] = np.concatenate(self.factor.learned)
+                kept["learned_in"] = np.array([len(nodes) for nodes in self.factor.learned])
+            if self._mixing.differences:
+                for i, name in enumerate("usp"):
+                    kept[f"mixing_{name}"] = np.array([difference[i] for difference in self._mixing.differences])
         return kept
 
     def recall(self, memory: dict[str, NDArray[Any]]) -> None:
@@ -197,8 +202,11 @@ class Newton:
             self._zone = self.balance.contact.zone(memory["zone"], memory["zone_centre"], REACH * self.balance.size)
         if "factored_at" in memory:
             self._refactor(memory["factored_at"])
-            if "compliance" in memory:
-                self._compliance = memory["compliance"], self.factor.compliance(memory["compliance"])
+            if "learned" in memory:
+                for nodes in np.split(memory["learned"], np.cumsum(memory["learned_in"])[:-1]):
+                    self.factor.learn(nodes)
+            if "mixing_u" in memory:
+                self._mixing.differences = list(zip(*(memory[f"mixing_{name}"] for name in "usp"), strict=True))
         self.factorisations, self._fresh, self._excess = (int(count) for count in memory["counts"])
 
     def _refactor(self, u: Floats) -> None:
@@ -214,7 +222,8 @@ class Newton:
             except NotPositiveDefinite as error:
                 raise NoEquilibrium(str(error)) from None
         self.factorisations += 1
-        self._factored_at, self._compliance = u, None
+        self._factored_at = u
+        self._mixing.forget()
         self._stale, self._excess = False, 0
 
     def _newton(self, fraction: float, start: Floats, last: State, *, renew: bool = False) -> State:
@@ -223,13 +232,14 @@ class Newton:
         u, outer = start, fraction * balance.load
         touch = self._touch(fraction, u, last.pressure)
         force = balance.elasticity.force(u) - outer
+        self._mixing.begin()
         previous = np.inf
         for iteration in range(1, ITERATIONS + 1):
             if renew:
                 self._refactor(u)
-            u = u + self._step(force, touch)
+            step = self._step(force, touch)
+            u, pressure = self._mixing.next(u, step, last.pressure if touch is None else self._on_surface(touch, last.pressure))
             force = balance.elasticity.force(u) - outer
-            pressure = last.pressure if touch is None else self._on_surface(touch, last.pressure)
             touch = self._touch(fraction, u, pressure)
             state = self._judge(fraction, u, force, touch, pressure, iteration)
             error = max(state.residual / self.tolerance, state.gap_error / (GAP_TOLERANCE * balance.size))
@@ -261,18 +271,18 @@ class Newton:
     def _step(self, force: Floats, touch: Touch | None) -> Floats:
         """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
         self._giving = self.factor.negative
-        step = self.factor.solve(-force)  # were there no contact
+        free = self.factor.begin(-force)  # were there no contact
         if touch is None:
-            return step
+            return self.factor.finish(free)
         near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
         if not len(near):
             touch.pressure = np.zeros_like(touch.gap)
-            return step
+            return self.factor.finish(free)
         zone, touched = touch.zone, touch.pressure[near] > 0
         nodes, gradient, bend = touch.rows(near)
         bend = bend if self.round_obstacle else bend[:0]
         contact = self._condense(touch, near, nodes, gradient, bend)
-        moved = step[zone.nodes[nodes]].ravel()
+        moved = self.factor.at(free, zone.nodes[nodes]).ravel()
         turned = contact.turn(bend @ moved)
         gap = touch.gap[near] + gradient @ moved + contact.across.T @ turned
         try:
@@ -281,16 +291,12 @@ class Newton:
             raise NoEquilibrium("the body gives way to contact without resistance") from None
         touch.pressure = np.zeros_like(touch.gap)
         touch.pressure[near] = pressure
-        push = gradient.T @ pressure + bend.T @ (turned + contact.turn(contact.across @ pressure))
-        if not push.any():
-            return step
-        force = np.zeros_like(force)
-        force[zone.nodes[nodes]] = push.reshape(-1, 3)
-        return step + self.factor.solve(force)
+        push = pressure @ gradient + (turned + contact.turn(contact.across @ pressure)) @ bend
+        return self.factor.finish(free, zone.nodes[nodes], push.reshape(-1, 3))
 
     def _condense(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats, bend: Floats) -> _Condensed:
         """The body with its obstacle's roundness, as k points of a zone feel it; gradient and bend are those of `Touch.rows`."""
-        compliance, k = self._compliance_of(touch.zone.nodes[nodes]), len(points)
+        compliance, k = self.factor.compliance(touch.zone.nodes[nodes]), len(points)
         rows = np.concatenate([gradient, bend])
         felt = rows @ compliance @ rows.T
         found = _Condensed(felt[:k, :k] + np.diag(touch.zone.softness[points]), felt[k:, :k], np.eye(len(bend)) - felt[k:, k:],
@@ -314,15 +320,6 @@ class Newton:
             held = int((np.linalg.eigvalsh(contact.matrix) < 0).sum())
         if held < self._giving:
             raise NoEquilibrium("the body is unstable: it snaps through, buckles or slips off")
-
-    def _compliance_of(self, nodes: NDArray[np.int64]) -> Floats:
-        """(3 n, 3 n) of the kept factor, from what is known of it, or computed for these nodes and those known before."""
-        if self._compliance is None or not np.isin(nodes, self._compliance[0], assume_unique=True).all():
-            known = nodes if self._compliance is None else np.union1d(nodes, self._compliance[0])
-            self._compliance = known, self.factor.compliance(known)
-        known, compliance = self._compliance
-        rows = (3 * np.searchsorted(known, nodes)[:, None] + np.arange(3)).ravel()
-        return compliance[np.ix_(rows, rows)]
 
     def _judge(self, fraction: float, u: Floats, force: Floats, touch: Touch | None, pressure: Floats, iteration: int) -> State:
         """How far displacements (N, 3) with out-of-balance forces (N, 3) and contact forces (Q,) are from equilibrium."""

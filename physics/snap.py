@@ -110,7 +110,6 @@ class Relaxation(Newton):
             self.factor.update(u)
         except NotPositiveDefinite as error:
             raise NoEquilibrium(str(error)) from None
-        self._compliance = None
         if self.factor.negative:
             raise NoEquilibrium("the drag is too small")
 
