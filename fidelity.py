@@ -306,7 +306,10 @@ def _say(options: Options, text: str) -> None:
 
 
 def _writable(path: str | Path | None, *suffixes: str) -> Any:
-    """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder."""
+    """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder.
+
+    Folders that the check had to make are taken away again: wrong input leaves nothing behind.
+    """
     if path is None:
         return None
     path = Path(path)
@@ -316,6 +319,7 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
     if (suffix and path.is_dir()) or (not suffix and path.exists() and not path.is_dir()):
         raise InputError(f"--out {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
     folder = path.parent if suffix else path
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]  # the deepest first
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / f".{path.name}.{os.getpid()}.probe"
@@ -323,6 +327,10 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
         probe.unlink()
     except OSError as error:
         raise InputError(f"--out {path}: {error.strerror}") from None
+    finally:
+        for place in missing:
+            if place.is_dir():
+                place.rmdir()
     return path
 
 
