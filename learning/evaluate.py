@@ -74,7 +74,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
               refined: int, repeats: int = 1, say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder."""
     known = {run: read_seen(run) for run in runs}
-    _warm_up(cases[0].scene)
+    warm_up(cases[0].scene)
     chosen = np.unique(np.linspace(0, len(cases) - 1, min(refined, len(cases))).round().astype(int)).tolist() if refined else []
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
         found = measure(predictors, cases, sample=SAMPLE, refined=chosen, repeats=repeats, on_done=bar.update)
@@ -99,7 +99,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def _warm_up(scene: Scene) -> None:
+def warm_up(scene: Scene) -> None:
     """Solve something small once, so that no time of below contains the loading of compiled forms."""
     while (smaller := coarser(scene)) is not None:
         scene = smaller
