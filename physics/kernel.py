@@ -17,6 +17,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
+import platform
 import re
 import subprocess
 import tempfile
@@ -33,10 +34,15 @@ from physics.element import Samples
 from physics.material import LAWS
 
 Floats = NDArray[np.float64]
+LINK = ["-lmvec"] if platform.machine() == "x86_64" else []
 
 PACK = r"""
 #include <cmath>
 #include <cstdint>
+#ifdef __x86_64__  /* libmvec has these for eight numbers at once; glibc's header says so only where nan is ruled out */
+extern "C" __attribute__((simd("notinbranch"))) double log(double) noexcept;
+extern "C" __attribute__((simd("notinbranch"))) double exp(double) noexcept;
+#endif
 typedef double v8 __attribute__((vector_size(64)));
 struct pack {
   v8 x;
@@ -224,7 +230,7 @@ def _library(law: str, nodes: int, points: int) -> ctypes.CDLL:
         forms = {"energy": energy, "stress": stress, "tangent": ufl.derivative(stress, F, T)}
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             (Path(scratch) / "kernel.cpp").write_text(PACK + "".join(_packed(*form) for form in forms.items()) + loops)
-            command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp"]
+            command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp", *LINK]
             made = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
             if made.returncode:
                 raise RuntimeError(f"g++ could not compile a kernel: {made.stderr.strip().splitlines()[0]}")
