@@ -194,17 +194,25 @@ def train(options: Options) -> dict[str, Any]:
 
 
 def rollout(options: Options) -> dict[str, Any]:
-    """A trained network's prediction of a whole trajectory."""
+    """A trained network's prediction of a whole trajectory, on request corrected by Newton steps."""
+    from datagen.prediction import read_truth
     from datagen.trajectory import read_sound, write_trajectory
     from learning.checkpoint import load_model
     from learning.rollout import rollout as run
     from physics.quality import rmse
 
-    model, trajectory = load_model(options.run), read_sound(options.trajectory)
+    model = load_model(options.run)
+    truth = read_truth(options.trajectory) if options.correct else None
+    trajectory = truth[0] if truth else read_sound(options.trajectory)
     out = _writable(options.out, ".vtkhdf")
     if out.resolve() == Path(options.trajectory).resolve():
         raise InputError(f"--out {out}: is the trajectory itself, which the prediction would overwrite")
-    prediction = run(model, trajectory)
+    if truth:
+        from learning.surrogates import corrected_rollout
+
+        prediction = corrected_rollout(model, *truth, options.correct)[0]
+    else:
+        prediction = run(model, trajectory)
     write_trajectory(out, prediction)
     error = rmse(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
     _say(options, f"{len(prediction.displacement) - 1} steps, RMSE over all of them {1e3 * error:.3f} mm: {out}")
@@ -227,7 +235,17 @@ def evaluate(options: Options) -> dict[str, Any]:
     from learning.evaluate import evaluate as run
 
     out = _writable(options.out or Path(options.run) / "report")
-    return run(options.run, files(options.data, options.split), out, say=lambda text: _say(options, text))
+    return run(options.run, files(options.data, options.split), out, correct=options.correct, refined=options.refined,
+               say=lambda text: _say(options, text))
+
+
+def pareto(options: Options) -> dict[str, Any]:
+    """Speed against error: trained runs, finite elements made cheaper, a reduced-order model and what knows nothing."""
+    from learning.compare import compare
+
+    out = _writable(options.out)
+    return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
+                   repeats=options.repeats, say=lambda text: _say(options, text))
 
 
 def view(options: Options) -> dict[str, Any]:
@@ -288,7 +306,10 @@ def _say(options: Options, text: str) -> None:
 
 
 def _writable(path: str | Path | None, *suffixes: str) -> Any:
-    """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder."""
+    """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder.
+
+    Folders that the check had to make are taken away again: wrong input leaves nothing behind.
+    """
     if path is None:
         return None
     path = Path(path)
@@ -298,6 +319,7 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
     if (suffix and path.is_dir()) or (not suffix and path.exists() and not path.is_dir()):
         raise InputError(f"--out {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
     folder = path.parent if suffix else path
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]  # the deepest first
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / f".{path.name}.{os.getpid()}.probe"
@@ -305,6 +327,10 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
         probe.unlink()
     except OSError as error:
         raise InputError(f"--out {path}: {error.strerror}") from None
+    finally:
+        for place in missing:
+            if place.is_dir():
+                place.rmdir()
     return path
 
 
@@ -358,14 +384,25 @@ def _parser() -> argparse.ArgumentParser:
     add("--out", required=True, help="folder of the run")
     add("--steps", type=_positive, help="stop after this training step")
     add("--resume", action="store_true", help="go on from the run's last checkpoint")
-    verb("rollout", rollout, "run", "trajectory").add_argument("--out", required=True, help="trajectory, .vtkhdf")
+    add = verb("rollout", rollout, "run", "trajectory").add_argument
+    add("--out", required=True, help="trajectory, .vtkhdf")
+    add("--correct", type=_positive, metavar="K", help="follow each predicted frame by K Newton steps, and go on from there")
     add = verb("verify", verify, "prediction").add_argument
     add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
     add("--out", help="folder for the figures and a picture of the worst frame")
     add = verb("evaluate", evaluate, "run").add_argument
     add("--data", required=True, help="folder of a data set")
     add("--split", default="test")
+    add("--correct", type=_positive, default=1, metavar="K", help="Newton steps after each frame of the corrected rollout (1)")
+    add("--refined", type=_count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
     add("--out", help="folder of the report (RUN/report)")
+    add = verb("pareto", pareto, "what").add_argument
+    add("--run", nargs="+", action="extend", default=[], help="folders of trainings (none: the classical methods alone)")
+    add("--count", type=_positive, default=5, help="trajectories of a data set, evenly spaced (5)")
+    add("--split", default="test")
+    add("--refined", type=_count, help="scenes that are solved on finer cells as well (all)")
+    add("--repeats", type=_positive, default=3, help="of each timing; medians are shown (3)")
+    add("--out", default="pareto", help="folder of the report (pareto)")
     verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser
@@ -374,6 +411,12 @@ def _parser() -> argparse.ArgumentParser:
 def _seed(text: str) -> int:
     if not text.isdigit() or int(text) >= 2**63:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 2^63 - 1")
+    return int(text)
+
+
+def _count(text: str) -> int:
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
     return int(text)
 
 

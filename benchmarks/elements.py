@@ -4,7 +4,8 @@
     .venv/bin/python benchmarks/elements.py --picture a.png     and the picture of it
 
 Cantilevers of square section, 5, 20 and 100 times as long as thick, under a dead traction on the end face, neo-Hookean:
-a small one, P L^2 / E I = 0.01, and a large one, 2, that turns the end by some 45 degrees, in 8 steps. The error is that of
+a small one, P L^2 / E I = 0.01, and a large one, 2, that turns the end by some 45 degrees, in 8 steps (the latter with
+nu = 0.4 alone: plain Newton, which makes the reference, finds no equilibrium with 0.499 in steps so large). The error is that of
 the mean displacement of the end face along the load. First-order cells are solved by physics/equilibrium.py, those of second
 order by plain Newton with dolfinx's assembly and MUMPS. The reference is 40 x 3 x 3 hexahedra of second
 order, crowded at the clamped face; how far 20 x 3 x 3 of them are from it is printed.
@@ -137,21 +138,20 @@ def second_order(scene: Scene, crowding: float = 1.0) -> float:
 def cantilevers() -> list[dict]:
     """One row for each case, kind of cell and mesh."""
     rows = []
-    for load in (0.01, 2.0):
-        for poisson_ratio in (0.4, 0.499):
-            for slenderness in (5, 20, 100):
-                case = (slenderness, poisson_ratio, load)
-                coarse, reference = (second_order(cantilever(*case, cells, KINDS["hexahedron, order 2"]), 2.0) for cells in REFERENCE)
-                for kind, body in KINDS.items():
-                    for cells in SECOND if "order" in body else MESHES:
-                        scene = cantilever(*case, cells, body)
-                        if not rows or rows[-1]["kind"] != kind:
-                            deflection(scene)  # compile
-                        found, seconds = deflection(scene)
-                        rows.append({"slenderness": slenderness, "poisson_ratio": poisson_ratio, "load": load, "kind": kind,
-                                     "cells": "x".join(map(str, cells)), "error": found / reference - 1, "seconds": seconds,
-                                     "reference_m": reference, "reference_error": coarse / reference - 1})
-                print(json.dumps(rows[-1]), file=sys.stderr)
+    for load, poisson_ratio in ((0.01, 0.4), (0.01, 0.499), (2.0, 0.4)):
+        for slenderness in (5, 20, 100):
+            case = (slenderness, poisson_ratio, load)
+            coarse, reference = (second_order(cantilever(*case, cells, KINDS["hexahedron, order 2"]), 2.0) for cells in REFERENCE)
+            for kind, body in KINDS.items():
+                for cells in SECOND if "order" in body else MESHES:
+                    scene = cantilever(*case, cells, body)
+                    if not rows or rows[-1]["kind"] != kind:
+                        deflection(scene)  # compile
+                    found, seconds = deflection(scene)
+                    rows.append({"slenderness": slenderness, "poisson_ratio": poisson_ratio, "load": load, "kind": kind,
+                                 "cells": "x".join(map(str, cells)), "error": found / reference - 1, "seconds": seconds,
+                                 "reference_m": reference, "reference_error": coarse / reference - 1})
+            print(json.dumps(rows[-1]), file=sys.stderr)
     return rows
 
 
