@@ -69,13 +69,16 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
     if not resume and (out / "last.safetensors").exists():
         raise InputError(f"{out} holds a training already: resume it, or choose another folder")
     cases = load_cases(files_train, config)
-    cases_valid = load_cases(files_valid, config) if files_valid else []
+    cases_valid = load_cases(files_valid, config, walk=True) if files_valid else []
     frames = all_frames(cases)
     about = {"config": to_table(config), "fingerprint": fingerprint(cases), "versions": _versions(), "step": 0,
              "seconds": 0.0, "loss": None, "best_error": None, "best_step": None, "last_error": None}
 
     torch.manual_seed(config.seed)
     network = M4GN(config.network)
+    if config.estimate:  # begin with the estimate as it is
+        torch.nn.init.zeros_(network.decode.third.weight)
+        torch.nn.init.zeros_(network.decode.third.bias)
     optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
     generator = torch.Generator().manual_seed(config.seed)
     if resume:
