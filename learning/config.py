@@ -27,7 +27,7 @@ class TrainConfig:
     noise: standard deviation of the disturbance of each component of a free node's position
     learning_rate: kept for the first half, then falling exponentially to final_learning_rate
     clip_norm: largest norm of the gradient of all weights together
-    steps, budget_seconds: training ends at whichever is reached first
+    steps, budget_seconds: training ends at whichever is reached first; reading the data is not counted
     validate_every: steps between checkpoints, each with a rollout of every validation trajectory
     """
 

@@ -114,24 +114,27 @@ def load_cases(files: Sequence[str | Path], config: TrainConfig, *, walk: bool =
             found.append("it has a single frame, and so nothing to predict")
         if found:
             raise InputError(f"{path}: {found[0]}")
-        some = None if walk and config.scheme == "step" else config.frames
+        last = len(trajectory.displacement) - 1
+        count = last if walk and config.scheme == "step" else min(config.frames or last, last)
+        targets = np.linspace(0, last, count + 1).round().astype(np.int64)[1:]
         try:
-            cases.append(build_case(trajectory, config, frames=some, cache=CACHE))
+            cases.append(build_case(trajectory, config, targets=targets, cache=CACHE))
         except (InputError, FloatingPointError) as error:
             raise InputError(f"{path}: {error}") from None
     return cases
 
 
-def build_case(trajectory: Trajectory, config: TrainConfig, *, frames: int | None = None, cache: Path | None = None) -> Case:
+def build_case(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[np.int64] | None = None,
+               cache: Path | None = None) -> Case:
     """Segment a trajectory in memory and collect what its graphs have in common.
 
     Args:
-        frames: how many of them to predict, evenly spaced up to the last one; all by default
+        targets: the frames to predict, ascending; all but frame 0 by default
         cache: folder of estimates made before
     """
     segments = segment(trajectory, count=config.segments, method=config.method, tau=config.tau)
-    last = len(trajectory.displacement) - 1
-    targets = np.unique(np.linspace(0, last, min(frames or last, last) + 1).round().astype(np.int64))[1:]
+    if targets is None:
+        targets = np.arange(1, len(trajectory.displacement))
     found = estimate(trajectory, targets, cache=cache) if config.estimate else None
     return Case(trajectory, build_skeleton(trajectory, segments), targets, found)
 

@@ -204,9 +204,10 @@ class Estimator:
         out, answer = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         if not len(self.touching):
             return out, answer
-        state = self._rest()
+        state, touching = self._rest(), set(self.touching.tolist())
         for row, frame in enumerate(frames):
-            if frame < self.touching[0]:
+            if frame not in touching:
+                state = self._rest()
                 continue
             way = min(max(self._way[frame], self._beyond.x[0]), self._beyond.x[-1])
             state = self._advance(self.centres[frame], state, self._beyond(way))

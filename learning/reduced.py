@@ -18,6 +18,7 @@ Source: Barbic and James 2005 (reduced polynomials, modal derivatives); Noor and
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ class Reduced:
         self._gram = (flat @ flat.T).astype(np.float64)
         self._slots = np.arange(r, len(flat))
 
-    def _weigh(self, strain: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+    def _weigh(self, strain: NDArray[np.floating[Any]], out: NDArray[np.float32]) -> None:
         """Strains (k, Q, 3, 3) as six numbers each whose squares add up to twice the energy: into (k, 6, Q)."""
         lmbda, mu = self._elastic.lame
         scale = self._scale.astype(np.float32)

@@ -47,7 +47,7 @@ def rollout(model: Model, trajectory: Trajectory, *, correct: Corrector | None =
     """
     start = time.perf_counter()
     case = build_case(_blind(trajectory), model.config)
-    displacement = _walk(model, case, correct)
+    displacement = walk(model, case, correct)
     seconds = (time.perf_counter() - start) / max(len(displacement) - 1, 1)
     return replace(case.trajectory, displacement=displacement, per_frame={}, segment=case.skeleton.segment.astype(np.int32),
                    extra={"run": model.name, "seconds_per_step": seconds})
@@ -58,7 +58,7 @@ def _blind(trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, displacement=np.where(trajectory.free[:, None], np.float32(0), trajectory.displacement))
 
 
-def _walk(model: Model, case: Case, correct: Corrector | None = None) -> NDArray[np.float32]:
+def walk(model: Model, case: Case, correct: Corrector | None = None) -> NDArray[np.float32]:
     """(T, N, 3) displacement, free nodes predicted, the others as given; with scheme = "pose" at rest and at the case's targets."""
     free, given, body = case.skeleton.free, case.trajectory.displacement, case.trajectory.body
     predicted = given.copy()
@@ -82,7 +82,7 @@ def predict_step(model: Model, trajectory: Trajectory, *, batch_size: int = 8) -
     true, free = trajectory.displacement, trajectory.free
     predicted = true[1:].copy()
     if model.config.scheme == "pose":
-        poses = _walk(model, build_case(_blind(trajectory), model.config)).astype(np.float64)
+        poses = walk(model, build_case(_blind(trajectory), model.config)).astype(np.float64)
         predicted[:, free] = true[:-1, free] + (poses[1:] - poses[:-1])[:, free]
         return predicted
     case = build_case(trajectory, model.config)
@@ -97,7 +97,7 @@ def predict_step(model: Model, trajectory: Trajectory, *, batch_size: int = 8) -
 
 def rollout_error(model: Model, case: Case) -> float:
     """Root mean square distance [m] of a rollout from the truth, over all free nodes and the case's targets."""
-    predicted = _walk(model, replace(case, trajectory=_blind(case.trajectory)))
+    predicted = walk(model, replace(case, trajectory=_blind(case.trajectory)))
     error = (predicted - case.trajectory.displacement)[case.targets][:, case.skeleton.free]
     return float(np.sqrt((error.astype(np.float64) ** 2).sum(axis=-1).mean()))
 

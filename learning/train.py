@@ -64,7 +64,6 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         InputError: bad files, a run of other data or config, a damaged checkpoint, a folder that holds a run already
         FloatingPointError: a loss that is not finite; the run folder keeps the last checkpoint
     """
-    start = time.perf_counter()
     out = Path(out)
     if not resume and (out / "last.safetensors").exists():
         raise InputError(f"{out} holds a training already: resume it, or choose another folder")
@@ -95,7 +94,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         normaliser = fit_normaliser(cases, config)
     replace_file(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
     curve = _open_curve(out / "curve.jsonl", about["step"])
-    start -= about["seconds"]
+    start = time.perf_counter() - about["seconds"]
     model = Model(config, network, normaliser, str(out))
     losses: list[float] = []
     last = config.steps if steps is None else min(steps, config.steps)
