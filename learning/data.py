@@ -148,10 +148,9 @@ def describe(case: Case, target: int, now: NDArray[np.floating], before: NDArray
     """
     skeleton, free = case.skeleton, case.skeleton.free[:, None]  # (N, 1)
     given = case.trajectory.displacement[target].astype(np.float64)
-    base, unit = np.zeros_like(given), 1.0
+    base, unit = np.zeros_like(given), unit_of(case, target)
     if case.estimate is not None:
         base[:], answer = case.estimate.at(target)
-        unit = max(SMALLEST, float(np.sqrt((answer[skeleton.free].astype(np.float64) ** 2).sum(axis=1).mean())))
     if config.scheme == "pose":
         shown, velocity = np.where(free, base, given), np.zeros_like(given)
         known = velocity if case.estimate is None else answer / unit
@@ -165,6 +164,14 @@ def describe(case: Case, target: int, now: NDArray[np.floating], before: NDArray
             known = base - shown
     graph = build_graph(skeleton, skeleton.rest + shown, velocity, config.contact_radius, known)
     return Sample(graph, base, unit)
+
+
+def unit_of(case: Case, target: int) -> float:
+    """The unit [m] of a frame's output: 1 without an estimate."""
+    if case.estimate is None:
+        return 1.0
+    answer = case.estimate.at(target)[1][case.skeleton.free].astype(np.float64)
+    return max(SMALLEST, float(np.sqrt((answer**2).sum(axis=1).mean())))
 
 
 def sample(case: Case, frame: int, config: TrainConfig, generator: torch.Generator) -> tuple[Graph, Tensor]:
@@ -235,6 +242,23 @@ def all_frames(cases: Sequence[Case]) -> NDArray[np.int64]:
     """(samples, 2) every pair of a case's number and a frame before one of its targets."""
     return np.concatenate([np.stack([np.full(len(case.targets), which), case.targets - 1], axis=1)
                            for which, case in enumerate(cases)])
+
+
+def chances(cases: Sequence[Case]) -> Tensor | None:
+    """(samples,) how often each pair of `all_frames` is to be drawn; None where all are alike, without estimates.
+
+    The error of a path is the root mean square over its frames, and what counts is its mean over paths. Its derivative by the
+    mean square error of a frame, in units c_f of that frame, is in proportion to c_f^2 / (root mean square of c over the path).
+    Half of the draws follow that, half are even.
+    """
+    shares = []
+    for case in cases:
+        if case.estimate is None:
+            return None
+        unit = np.array([unit_of(case, frame) for frame in case.targets.tolist()])
+        shares.append(unit**2 / np.sqrt(np.mean(unit**2)))
+    share = np.concatenate(shares)
+    return torch.from_numpy(share / share.mean() + 1)
 
 
 def fingerprint(cases: Sequence[Case]) -> str:

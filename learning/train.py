@@ -2,7 +2,7 @@
 
     loss = mean over free nodes and components of (network(graph) - v / scale)^2
 
-with Adam. Each step draws batch_size frames, with replacement, from all training frames; noise is drawn afresh (data.py).
+with Adam. Each step draws batch_size frames, with replacement, from all training frames (some more often: data.chances); noise is drawn afresh (data.py).
 Both come from one torch generator whose state travels with the checkpoint. The learning rate is kept for the first half
 of the training and then falls exponentially, where "half" is told by steps / config.steps or by seconds / budget_seconds,
 whichever is further on. A resumed training equals an uninterrupted one to the last bit, unless a time budget gives the
@@ -34,7 +34,7 @@ from tqdm import tqdm
 
 from learning.checkpoint import Model, State, load_weights, read_state, replace_file, write_state
 from learning.config import TrainConfig
-from learning.data import Case, Normaliser, all_frames, fingerprint, fit_normaliser, load_cases, sample
+from learning.data import Case, Normaliser, all_frames, chances, fingerprint, fit_normaliser, load_cases, sample
 from learning.graph import join
 from learning.m4gn import M4GN
 from learning.rollout import rollout_error
@@ -69,7 +69,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         raise InputError(f"{out} holds a training already: resume it, or choose another folder")
     cases = load_cases(files_train, config)
     cases_valid = load_cases(files_valid, config, walk=True) if files_valid else []
-    frames = all_frames(cases)
+    frames, chance = all_frames(cases), chances(cases)
     about = {"config": to_table(config), "fingerprint": fingerprint(cases), "versions": _versions(), "step": 0,
              "seconds": 0.0, "loss": None, "best_error": None, "best_step": None, "last_error": None}
 
@@ -105,7 +105,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         while not ended:
             rate = learning_rate(config, progress(config, about["step"], time.perf_counter() - start))
             optimizer.param_groups[0]["lr"] = rate
-            losses.append(_step(network, optimizer, normaliser, config, cases, frames, generator))
+            losses.append(_step(network, optimizer, normaliser, config, cases, frames, chance, generator))
             about["step"] += 1
             about["seconds"] = time.perf_counter() - start
             if not math.isfinite(losses[-1]):
@@ -143,9 +143,13 @@ def progress(config: TrainConfig, step: int, seconds: float) -> float:
 
 
 def _step(network: M4GN, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
-          cases: Sequence[Case], frames: NDArray[np.int64], generator: torch.Generator) -> float:
+          cases: Sequence[Case], frames: NDArray[np.int64], chance: Tensor | None, generator: torch.Generator) -> float:
     """One step of Adam on one batch; returns its loss."""
-    drawn = frames[torch.randint(len(frames), (config.batch_size,), generator=generator).numpy()]
+    if chance is None:
+        picked = torch.randint(len(frames), (config.batch_size,), generator=generator)
+    else:
+        picked = torch.multinomial(chance, config.batch_size, replacement=True, generator=generator)
+    drawn = frames[picked.numpy()]
     batch = [sample(cases[which], frame, config, generator) for which, frame in drawn.tolist()]
     free = torch.from_numpy(np.concatenate([cases[which].skeleton.free for which, _ in drawn.tolist()]))
     target = torch.cat([velocity for _, velocity in batch]) / normaliser.velocity  # (N, 3)
