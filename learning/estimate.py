@@ -44,7 +44,7 @@ KEYS = 12  # poses at which the body's own law is evaluated
 ENRICHING = (0.35, 0.7, 1.0)  # where on the touching part of the path the space is enriched
 ITERATIONS = 40
 LOOSE = 1e-3  # cell sizes: a last step that may be left over where points of contact go in circles
-HALVINGS = 12
+HALVINGS = 6
 FRESH = 0.02  # cell sizes: after a larger step second derivatives are computed anew
 ROUNDS = 2  # evaluations of the body's own law at a pose
 STRIDE = 50  # components of which one is looked at for convergence
@@ -86,7 +86,6 @@ def estimate(trajectory: Trajectory, frames: NDArray[np.int64], *, cache: Path |
 
     Raises:
         InputError: the trajectory holds no scene, or one of a kind that is not known here
-        FloatingPointError: no state was found at some pose
     """
     body = trajectory.body
     path = None if cache is None else cache / f"{_key(trajectory, frames)}.npy"
@@ -189,8 +188,9 @@ class Estimator:
                 state = self._advance(self.centres[frame], state, c)
                 u = self._displacement(state).ravel()
                 force = self._elastic.internal(u)
-                c = model.space.T @ force - model.slope(state.q)
-            if enrich:
+                if np.isfinite(force).all():  # no cell is inside out
+                    c = model.space.T @ force - model.slope(state.q)
+            if enrich and np.isfinite(force).all():
                 left.append(self._elastic.solve(state.push - force))
             at.append(self._way[frame])
             beyond.append(c)
@@ -212,8 +212,9 @@ class Estimator:
             way = min(max(self._way[frame], self._beyond.x[0]), self._beyond.x[-1])
             state = self._advance(self.centres[frame], state, self._beyond(way))
             out[row] = u = self._displacement(state)
-            left = self._elastic.solve(state.push - self._elastic.internal(u.ravel()))
-            answer[row] = left.reshape(-1, 3)
+            force = self._elastic.internal(u.ravel())
+            if np.isfinite(force).all():
+                answer[row] = self._elastic.solve(state.push - force).reshape(-1, 3)
         return out, answer
 
     def _rest(self) -> _State:
@@ -226,14 +227,13 @@ class Estimator:
     def _advance(self, centre: Floats, state: _State, c: Floats, depth: int = 0) -> _State:
         """The state at a pose, from one at another pose: in one go, or in two halves where that does not lead there.
 
-        Raises:
-            FloatingPointError: 2^-HALVINGS of the way is still too far
+        Where 2^-HALVINGS of the way is still too far, the body stays as it is: the forces left over tell how bad the estimate is.
         """
         way = centre - state.centre
         if np.linalg.norm(way) <= self.size and (found := self._newton(centre, state, c)) is not None:
             return found
         if depth == HALVINGS:
-            raise FloatingPointError(f"no estimate with the obstacle at {centre.round(5).tolist()} m")
+            return replace(state, centre=centre)
         state = self._advance(state.centre + way / 2, state, c, depth + 1)
         return self._advance(centre, state, c, depth + 1)
 
