@@ -58,15 +58,20 @@ def _blind(trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, displacement=np.where(trajectory.free[:, None], np.float32(0), trajectory.displacement))
 
 
-def walk(model: Model, case: Case, correct: Corrector | None = None) -> NDArray[np.float32]:
-    """(T, N, 3) displacement, free nodes predicted, the others as given; with scheme = "pose" at rest and at the case's targets."""
-    free, given, body = case.skeleton.free, case.trajectory.displacement, case.trajectory.body
+def walk(model: Model, case: Case, correct: Corrector | None = None, *,
+         start: NDArray[np.floating] | float = 0.0) -> NDArray[np.float32]:
+    """(T, N, 3) displacement, free nodes predicted, the others as given; with scheme = "pose" at rest and at the case's targets.
+
+    start: (N, 3) displacement [m] of free nodes at frame 0, of which a pose knows nothing
+    """
+    free, given, body = case.skeleton.free[:, None], case.trajectory.displacement, case.trajectory.body
     predicted = given.copy()
-    before = now = given[0].astype(np.float64)  # (N, 3)
-    for first in range(0, len(case.targets), BATCH if model.config.scheme == "pose" else 1):
-        targets = case.targets[first:first + (BATCH if model.config.scheme == "pose" else 1)].tolist()
+    at_once = BATCH if model.config.scheme == "pose" else 1
+    before = now = np.where(free, start, given[0]).astype(np.float64)  # (N, 3)
+    for first in range(0, len(case.targets), at_once):
+        targets = case.targets[first:first + at_once].tolist()
         for target, found in zip(targets, _predict(model, case, targets, [now] * len(targets), [before] * len(targets)), strict=True):
-            after = np.where(free[:, None], found, given[target])
+            after = np.where(free, found, given[target])
             if correct is not None:
                 after[body] = correct(after[body], target)
             if not np.isfinite(after).all():
