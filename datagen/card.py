@@ -10,7 +10,6 @@ import csv
 import dataclasses
 import io
 import json
-import os
 import tomllib
 import typing
 from collections.abc import Iterator
@@ -29,6 +28,7 @@ from datagen.statistics import rows_of, statistics
 from datagen.trajectory import read_trajectory
 from physics.scene import Scene
 from physics.schema import Bound
+from physics.whole import write_whole
 
 LICENSE = "mit"
 HISTOGRAMS = ("nodes", "graph_diameter", "displacement_largest", "reaction_largest", "ms_per_step")
@@ -54,19 +54,9 @@ def write_card(folder: str | Path, *, refined: int = 10) -> Path:
     writer = csv.DictWriter(table, list(dict.fromkeys(name for row in rows for name in row)))
     writer.writeheader()
     writer.writerows(rows)
-    _write(folder / "trajectories.csv", table.getvalue())
-    _write(folder / "README.md", "\n".join([*_header(manifest, found), *_body(folder, manifest, found, rows)]) + "\n")
+    write_whole(folder / "trajectories.csv", table.getvalue().encode())
+    write_whole(folder / "README.md", "\n".join([*_header(manifest, found), *_body(folder, manifest, found, rows), ""]).encode())
     return folder / "README.md"
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a whole file, or none."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_text(text)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _name(manifest: dataset.Manifest) -> str:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from datagen.dataset import digest, read_manifest
 from datagen.family import SPLITS
-from datagen.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
+from datagen.trajectory import OBSTACLE, Trajectory, as_solved, problems, read_trajectory
 from datagen.workers import progress
 from physics.fem import release
 from physics.mesh import Mesh, build_mesh
@@ -133,11 +133,13 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
     """What contradicts equilibrium, and the stored reaction and energy, at some frames."""
     count, nodes = scene.steps.count, len(mesh.points)
     release()
-    checker = Checker(scene, mesh)
-    balance = checker.balance
-    elasticity, fixed = balance.elasticity, balance.fixed
+    checkers: dict[Scene, Checker] = {}
     blur, random = precision(trajectory)[:, :nodes], np.random.default_rng(0)
     for t in np.unique(np.linspace(count / steps, count, steps).round().astype(int)):
+        solved = as_solved(scene, trajectory, t)
+        checker = checkers[solved] = checkers.get(solved) or Checker(solved, mesh)
+        balance = checker.balance
+        elasticity, fixed = balance.elasticity, balance.fixed
         u = trajectory.displacement[t, :nodes].astype(np.float64)
         found, force = checker.frame(u, t / count), elasticity.force(u)
         lost = lost_energy = lost_reaction = 0.0

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 from datagen.family import SPLITS
 from datagen.trajectory import Trajectory
 from physics.schema import InputError, nearest, read_table, to_table
+from physics.whole import write_whole
 
 SCHEMA = 1
 
@@ -81,15 +81,7 @@ def read_manifest(folder: str | Path) -> Manifest:
 
 def write_manifest(folder: str | Path, manifest: Manifest) -> None:
     """Write a whole manifest, or none. Raises OSError."""
-    path = Path(folder, "manifest.json")
-    part = path.with_name(f".manifest.json.{os.getpid()}.part")
-    try:
-        part.write_text(json.dumps(to_table(manifest), indent=1))
-        os.replace(part, path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        part.unlink(missing_ok=True)
+    write_whole(Path(folder, "manifest.json"), json.dumps(to_table(manifest), indent=1).encode())
 
 
 def entry_of(file: str, trajectory: Trajectory) -> Entry:

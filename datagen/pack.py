@@ -22,7 +22,6 @@ from __future__ import annotations
 import json
 import lzma
 import math
-import os
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -35,6 +34,7 @@ from datagen import dataset
 from datagen.trajectory import NODES_OF_TYPE, OBSTACLE, Trajectory, read_trajectory, write_trajectory
 from datagen.workers import progress
 from physics.schema import InputError, read_table, to_table
+from physics.whole import written_whole
 
 Arrays = dict[str, NDArray[Any]]
 SCHEMA = 1
@@ -61,21 +61,17 @@ def pack(folder: str | Path, out: str | Path, *, tolerance: float = 1e-6) -> dic
         raise InputError(f"tolerance = {tolerance}: must be above 0 m")
     folder, out = Path(folder), Path(out)
     manifest = dataset.read_manifest(folder)
-    part, before, error = out.with_name(f".{out.name}.{os.getpid()}.part"), 0, 0.0
-    try:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_LZMA) as archive:
-            about = {"schema": SCHEMA, "tolerance": tolerance, "manifest": to_table(manifest)}
-            archive.writestr("manifest.json", json.dumps(about))
-            for entry in progress(manifest.trajectories, "packing"):
-                trajectory = read_trajectory(folder / entry.file)
-                if dataset.digest(trajectory) != entry.sha256:
-                    raise RuntimeError(f"{folder / entry.file}: its checksum differs from the manifest's; make it anew before packing")
-                blob, off = encode(trajectory, tolerance)
-                archive.writestr(entry.file.removesuffix(".vtkhdf"), blob)
-                before, error = before + (folder / entry.file).stat().st_size, max(error, off)
-        os.replace(part, out)
-    finally:
-        part.unlink(missing_ok=True)
+    before, error = 0, 0.0
+    with written_whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_LZMA) as archive:
+        about = {"schema": SCHEMA, "tolerance": tolerance, "manifest": to_table(manifest)}
+        archive.writestr("manifest.json", json.dumps(about))
+        for entry in progress(manifest.trajectories, "packing"):
+            trajectory = read_trajectory(folder / entry.file)
+            if dataset.digest(trajectory) != entry.sha256:
+                raise RuntimeError(f"{folder / entry.file}: its checksum differs from the manifest's; make it anew before packing")
+            blob, off = encode(trajectory, tolerance)
+            archive.writestr(entry.file.removesuffix(".vtkhdf"), blob)
+            before, error = before + (folder / entry.file).stat().st_size, max(error, off)
     size = out.stat().st_size
     return {"trajectories": len(manifest.trajectories), "bytes": size, "ratio": before / size, "largest_error": error,
             "tolerance": tolerance}

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from datagen.trajectory import Trajectory, read_sound, read_trajectory
+from datagen.trajectory import Trajectory, as_solved, read_sound, read_trajectory
 from physics.mesh import Mesh, build_mesh
 from physics.scene import Scene, read_scene
 from physics.schema import InputError
@@ -27,7 +27,7 @@ def finite(value: Any) -> Any:
 
 
 def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
-    """A trajectory that predictions can be held against, with its scene and the mesh that this builds.
+    """A trajectory that predictions can be held against, with the scene as its last step was solved, and the mesh of this.
 
     Raises:
         InputError: something is wrong in the file, it holds no scene, or its mesh is not the one that its scene builds
@@ -42,7 +42,7 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
     mesh, own = build_mesh(scene.body), trajectory.mesh
     if not (np.array_equal(own.points, mesh.points) and np.array_equal(own.cells, mesh.cells)):
         raise InputError(f"{path}: its mesh is not the one that its scene builds")
-    return trajectory, scene, mesh
+    return trajectory, as_solved(scene, trajectory, len(trajectory.displacement) - 1), mesh
 
 
 def verify_files(prediction: str | Path, reference: str | Path, out: Path | None = None) -> dict[str, Any]:

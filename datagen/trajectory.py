@@ -22,6 +22,8 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         smallest_det_f          (T,) float64
         newton_iterations       (T,) int64
         relative_residual       (T,) float64     |residual force| / |reaction|
+        snap                    (T,) float64     [m] farthest way of a node without equilibria between, mostly 0 (physics/snap.py)
+        released                (T,) float64     [J] stored energy and work of dead loads lost on that way
       Steps                     @NSteps T; Values (T,) 0 .. steps; offsets that tell a reader where each frame starts
     /                           @schema, @scene (TOML), @seed, @index, @versions (JSON), @commit, @complete, @frequencies_hz,
                                 @extra (JSON: whatever else the writer knows, such as the run that made a rollout)
@@ -33,7 +35,6 @@ A file is written under another name, flushed to disk and renamed: a reader neve
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -43,13 +44,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.mesh import VTK_TYPE, Mesh
+from physics.scene import Scene
 from physics.schema import InputError
+from physics.whole import write_whole
 
 SCHEMA = 1
 NORMAL, OBSTACLE, HANDLE = 0, 1, 3
 KINDS = (0, 1, 2, 3, 4, 5, 6)
 NODES_OF_TYPE = {5: 3, 9: 4, 10: 4, 12: 8, 13: 6}
-PER_FRAME = ("reaction", "energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual")
+PER_FRAME = ("reaction", "energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual", "snap", "released")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,24 +118,12 @@ def at_rest(mesh: Mesh, modes: NDArray[np.floating[Any]], **attributes: Any) -> 
 
 def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
     """Write a whole file, or none: it appears under its name only when it is complete on disk. Raises OSError."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     # The file is made in memory: on a full disk HDF5 would fill pages with its complaints, and later on again.
-    with h5py.File(part, "w", driver="core", backing_store=False, libver=("earliest", "v110")) as file:
+    with h5py.File(f"{path} in memory", "w", driver="core", backing_store=False, libver=("earliest", "v110")) as file:
         _write(file, trajectory)
         file.flush()
         image = file.id.get_file_image()
-    try:
-        with open(part, "wb") as handle:
-            handle.write(image)
-            handle.flush()
-            os.fsync(handle.fileno())
-        os.replace(part, path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        part.unlink(missing_ok=True)
+    write_whole(path, image)
 
 
 def _write(file: h5py.File, trajectory: Trajectory) -> None:
@@ -198,6 +189,15 @@ def read_trajectory(path: str | Path) -> Trajectory:
         raise InputError(f"{path}: not a whole trajectory file: {str(error).splitlines()[0]}") from None
 
 
+def unfinished(path: str | Path) -> str | None:
+    """The scene of a file whose solver stopped before the last step; None for a finished one. Raises `InputError`."""
+    try:
+        with h5py.File(path, "r") as file:
+            return None if file.attrs["complete"] else str(file.attrs["scene"])
+    except (OSError, KeyError) as error:
+        raise InputError(f"{path}: not a trajectory file: {str(error).splitlines()[0]}") from None
+
+
 def _read(file: h5py.File) -> Trajectory:
     if file.attrs.get("schema") != SCHEMA:
         raise InputError(f"trajectory schema {file.attrs.get('schema')}, this program reads {SCHEMA}")
@@ -228,6 +228,13 @@ def read_sound(path: str | Path, *, complete: bool = True) -> Trajectory:
     for wrong in problems(trajectory if complete else replace(trajectory, complete=True)):
         raise InputError(f"{path}: {wrong}")
     return trajectory
+
+
+def as_solved(scene: Scene, trajectory: Trajectory, step: int) -> Scene:
+    """The scene whose equations a step of its trajectory solves: under the linear law where the solver saw that it is enough."""
+    if step > trajectory.extra.get("linear_steps", 0):
+        return scene
+    return replace(scene, material=replace(scene.material, law="linear"))
 
 
 def problems(trajectory: Trajectory) -> list[str]:

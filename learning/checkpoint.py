@@ -3,6 +3,7 @@
     RUN/config.toml          the resolved config, for the reader
     RUN/model.safetensors    the best network so far: weights, normaliser
     RUN/last.safetensors     the newest state: weights, normaliser, Adam's moments, state of the random generator
+    RUN/range.json           the ranges of the training scenes (seen.py)
     RUN/curve.jsonl          one JSON object a line: loss and learning rate, validation errors
 
 Both safetensors files carry in their header, as JSON: schema, config, step, seconds trained, best validation error [m],
@@ -13,7 +14,6 @@ renamed: a training killed at any moment leaves a whole one. No pickle: safetens
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from learning.config import TrainConfig
 from learning.data import Normaliser
 from learning.m4gn import M4GN
 from physics.schema import InputError, read_table
+from physics.whole import write_whole
 
 SCHEMA = 1
 
@@ -67,7 +68,7 @@ def write_state(path: Path, state: State) -> None:
     if state.generator is not None:
         tensors["generator"] = state.generator
     about = json.dumps({"schema": SCHEMA, **state.about})
-    replace_file(path, save({name: value.detach().contiguous() for name, value in tensors.items()}, {"about": about}))
+    write_whole(path, save({name: value.detach().contiguous() for name, value in tensors.items()}, {"about": about}))
 
 
 def read_state(path: str | Path) -> State:
@@ -110,20 +111,6 @@ def load_model(run: str | Path) -> Model:
     network = M4GN(config.network)
     load_weights(network, state, path)
     return Model(config, network.eval(), state.normaliser, str(run))
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Put content under a name at once: written beside it, flushed to disk, renamed."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with open(part, "wb") as handle:
-            handle.write(content)
-            handle.flush()
-            os.fsync(handle.fileno())
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:

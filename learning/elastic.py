@@ -18,8 +18,8 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from learning.rivals import shapes
 from physics.mesh import Mesh
+from physics.transfer import shapes
 
 Floats = NDArray[np.float64]
 CHUNK = 64  # right-hand sides solved for at a time

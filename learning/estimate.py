@@ -18,7 +18,6 @@ Legend: N body nodes, M = 3 N, T frames, A points of contact, r size of the spac
 from __future__ import annotations
 
 import hashlib
-import os
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -37,6 +36,7 @@ from physics.mesh import Mesh
 from physics.obstacle import Rigid
 from physics.scene import Scene, read_scene
 from physics.schema import InputError
+from physics.whole import written_whole
 
 Floats = NDArray[np.float64]
 VERSION = 1  # of the estimates: to be raised with every change to their numbers
@@ -94,7 +94,8 @@ def estimate(trajectory: Trajectory, frames: NDArray[np.int64], *, cache: Path |
     else:
         found = np.stack(Estimator(trajectory).frames(frames.tolist()))
         if path is not None:
-            replace_file(path, found)
+            with written_whole(path) as part, open(part, "wb") as handle:
+                np.save(handle, found)
     displacement, answer = trajectory.displacement[frames].copy(), np.zeros_like(trajectory.displacement[frames])
     displacement[:, body], answer[:, body] = found
     return Estimate(frames, displacement, answer)
@@ -107,18 +108,6 @@ def _key(trajectory: Trajectory, frames: NDArray[np.int64]) -> str:
     for array in (trajectory.points, trajectory.connectivity, trajectory.node_kind, given, frames):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:32]
-
-
-def replace_file(path: Path, array: NDArray[np.float32]) -> None:
-    """Write a whole .npy file, or none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part")
-    try:
-        with open(part, "wb") as handle:
-            np.save(handle, array)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
@@ -359,7 +348,7 @@ def _scene(trajectory: Trajectory) -> Scene:
         raise InputError('the trajectory holds no scene, which estimate = true needs: train with estimate = false')
     scene = read_scene(tomllib.loads(trajectory.scene))
     moved = [support for support in scene.support if any(support.displacement) or set(support.fixed) != set("xyz")]
-    if scene.obstacle is None or scene.load or moved:
+    if scene.obstacle is None or scene.load or moved or scene.body.element != "standard":
         raise InputError("estimate = true knows bodies that are clamped and pressed by an obstacle, without loads, sliding or "
-                         "moving supports: train with estimate = false")
+                         "moving supports and reduced elements: train with estimate = false")
     return scene

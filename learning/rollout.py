@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from datagen.trajectory import Trajectory
 from learning.checkpoint import Model
 from learning.data import Case, build_case, describe
+from learning.estimate import estimate
 from learning.graph import join
 
 BATCH = 8  # poses at a time
@@ -45,8 +46,10 @@ def rollout(model: Model, trajectory: Trajectory, *, correct: Corrector | None =
         FloatingPointError: a position that is not finite, with the step
         InputError: a mesh that cannot be segmented
     """
-    start = time.perf_counter()
-    case = build_case(_blind(trajectory), model.config)
+    case = build_case(_blind(trajectory), replace(model.config, estimate=False))
+    start = time.perf_counter()  # segments are set up before, estimates are a part of predicting
+    if model.config.estimate:
+        case = replace(case, estimate=estimate(case.trajectory, case.targets))
     displacement = walk(model, case, correct)
     seconds = (time.perf_counter() - start) / max(len(displacement) - 1, 1)
     return replace(case.trajectory, displacement=displacement, per_frame={}, segment=case.skeleton.segment.astype(np.int32),

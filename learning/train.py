@@ -33,13 +33,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
-from learning.checkpoint import Model, State, load_weights, read_state, replace_file, write_state
+from learning.checkpoint import Model, State, load_weights, read_state, write_state
 from learning.config import TrainConfig
 from learning.data import Case, Normaliser, all_frames, chances, fingerprint, fit_normaliser, load_cases, sample
 from learning.graph import join
 from learning.m4gn import M4GN
 from learning.rollout import rollout_error
+from learning.seen import seen, write_seen
 from physics.schema import InputError, to_table
+from physics.whole import write_whole
 
 REPORT_EVERY = 50  # steps
 BAR = "{desc} {percentage:3.0f}%|{bar}| {elapsed} {postfix}"
@@ -93,7 +95,8 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         generator.set_state(state.generator)
     else:
         normaliser = fit_normaliser(cases, config)
-    replace_file(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
+    write_whole(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
+    write_seen(out, seen(case.trajectory for case in cases))
     curve = _open_curve(out / "curve.jsonl", about["step"])
     start = time.perf_counter() - about["seconds"]
     model = Model(config, network, normaliser, str(out))
@@ -205,7 +208,7 @@ def _open_curve(path: Path, step: int) -> Any:
                     kept.append(line + "\n")
             except json.JSONDecodeError:  # the line that was being written
                 break
-    replace_file(path, "".join(kept).encode())
+    write_whole(path, "".join(kept).encode())
     return open(path, "a")
 
 

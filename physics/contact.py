@@ -152,10 +152,11 @@ class Zone:
     """The part of a surface near an obstacle: for as long as `covers` says so, all that contact has to look at.
 
     points: (q,) of the surface; nodes: (m,) behind them; weights: (q, m) dense; softness: (q,) [m/N]
+    made_at, made_with: the displacements (N, 3) and the obstacle's centre (3,) that it was made for
     """
 
     def __init__(self, contact: Contact, u: Floats, centre: Floats, reach: float) -> None:
-        self._contact, self._u, self._centre, self._reach = contact, u, centre, reach
+        self._contact, self.made_at, self.made_with, self._reach = contact, u, centre, reach
         self.points = np.flatnonzero(contact.gaps(u, centre)[0] < reach)
         rows = contact.surface.weights[self.points]
         self.nodes = np.unique(rows.indices).astype(np.int64)
@@ -165,8 +166,8 @@ class Zone:
 
     def covers(self, u: Floats, centre: Floats, near: float) -> bool:
         """True when no point outside of the zone can have a gap below `near` [m]."""
-        change = u - self._u
-        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self._centre)
+        change = u - self.made_at
+        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self.made_with)
         return bool(moved <= self._reach - near)
 
     def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
@@ -181,3 +182,11 @@ class Zone:
         """G (k, 3 n): derivative of the gaps of k of its points by the components of n of its nodes that hold all of theirs."""
         weights = self.weights[points[:, None], nodes]  # (k, n)
         return (weights[:, :, None] * normal[points][:, None, :]).reshape(len(points), -1)
+
+    def bend(self, points: NDArray[np.int64], nodes: NDArray[np.int64], pressure: Floats, u: Floats, centre: Floats) -> Floats:
+        """B (b, 3 n): forces (k,) on a round obstacle take B^T B from the stiffness of n nodes, for their normals turn."""
+        weights = self.weights[points[:, None], nodes]  # (k, n)
+        positions = weights @ (self._rest + u[self.nodes])[nodes]
+        rows = self._contact.obstacle.bend(positions, centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
+        rows = weights[:, None, :, None] * rows[:, :, None, :]  # (k, 2, n, 3)
+        return rows[rows.any(axis=(2, 3))].reshape(-1, 3 * len(nodes))

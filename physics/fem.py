@@ -40,22 +40,9 @@ OLD = tuple(int(part) for part in __version__.split(".")[:2]) < (0, 8)
 # dolfinx lists the corners of a hexahedron as a tensor product, gmsh and VTK go round each face.
 FROM_GMSH = {"triangle": [0, 1, 2], "quadrilateral": [0, 1, 3, 2], "tetrahedron": [0, 1, 2, 3],
              "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6], "prism": [0, 1, 2, 3, 4, 5]}
-# One point a prism would let hourglass modes through; two degrees integrate the stiffness of straight cells well.
 QUADRATURE_DEGREE = {"triangle": 1, "quadrilateral": 3, "tetrahedron": 1, "hexahedron": 3, "prism": 2}
-# dolfinx's rule of degree 2 for prisms has eight points; three on the triangle times Gauss's two do the same with six.
-PRISM_POINTS = np.array([(r, s, t) for t in (0.5 - 12**-0.5, 0.5 + 12**-0.5) for r, s in ((1/6, 1/6), (2/3, 1/6), (1/6, 2/3))])
-PRISM_WEIGHTS = np.full(6, 1 / 12)
 MASS_DEGREE = {"triangle": 2, "quadrilateral": 4, "tetrahedron": 2, "hexahedron": 4, "prism": 4}
 COMPILE = ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"]
-
-
-def quadrature(cell: str) -> dict[str, Any]:
-    """UFL's metadata for the integrals of energy, force and stiffness."""
-    if cell != "prism":
-        return {"quadrature_degree": QUADRATURE_DEGREE[cell]}
-    logging.getLogger("UFL").setLevel(logging.ERROR)  # it is not sure that arrays can be metadata; FFCx reads them there
-    return {"quadrature_degree": QUADRATURE_DEGREE[cell], "quadrature_rule": "custom", "quadrature_points": PRISM_POINTS,
-            "quadrature_weights": PRISM_WEIGHTS}
 
 
 def cache_folder() -> Path:
@@ -106,15 +93,17 @@ def cell_function(form: Any) -> str:
     raise RuntimeError("FFCx wrote a function without an end")
 
 
-def symbols(cell: str) -> tuple[Any, Any]:
-    """UFL's mesh and space of first-order vector fields on any mesh of one type of cell: what forms are written with."""
+def tensors() -> tuple[Any, Any]:
+    """UFL's mesh of tetrahedra and its space of 3 x 3 tensors, one a cell: what functions of F alone are written with."""
     if OLD:
-        element = ufl.VectorElement("Lagrange", ufl.Cell(cell, geometric_dimension=3), 1)
+        cell = ufl.Cell("tetrahedron", geometric_dimension=3)
+        domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1))
+        element = ufl.TensorElement("DG", cell, 0, shape=(3, 3))
     else:
         import basix.ufl
 
-        element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
-    domain = ufl.Mesh(element)
+        domain = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
+        element = basix.ufl.element("DG", "tetrahedron", 0, shape=(3, 3))
     return domain, ufl.FunctionSpace(domain, element)
 
 

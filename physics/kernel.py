@@ -1,29 +1,32 @@
-"""The kernel of a form for eight cells at a time.
+"""Energy, forces and stiffness of all cells, eight at a time.
 
-FFCx turns a form into C code that works on one cell, number by number. Nothing in it depends on the cell but its
-arguments, so with every `double` that varies replaced by a pack of eight the same code works on eight cells at once, and
-the compiler finds the wide instructions that it cannot find in the code for one. The loops over cells, gathering
-positions and displacements and adding up the results, stand below in C++ as well. Numbers agree with dolfinx's assembly to
-rounding.
+    W_c = sum_p V_p W(F_p)        F_p = I + sum_a u_a (x) g_ap        (sample points p as element.py gives them)
+    f_a = sum_p V_p P g_ap        P = dW/dF
+    K_ab = sum_p V_p g_ap . A . g_bp        A = dP/dF
 
-Legend: N nodes, C cells, n nodes of a cell (in dolfinx's order), d = 3 n.
+UFL differentiates W(F) and FFCx turns W, P and A into C code that works on one F, number by number. Nothing in it
+depends on the cell but its arguments, so with every `double` that varies replaced by a pack of eight the same code works on
+eight cells at once, and the compiler finds the wide instructions that it cannot find in the code for one. The sums over nodes
+and the loops over cells stand below in C++. Numbers agree with dolfinx's assembly to rounding.
+
+Legend: N nodes, C cells, n nodes of a cell, P sample points of a cell, d = 3 n.
 """
 
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import os
 import re
-import subprocess
-import tempfile
-from pathlib import Path
+from functools import cache
 from typing import Any
 
 import numpy as np
+import ufl
 from numpy.typing import NDArray
 
 from physics import fem
+from physics.element import Samples
+from physics.material import LAWS
+from physics.native import compiled, pointer
 
 Floats = NDArray[np.float64]
 
@@ -54,91 +57,162 @@ static inline pack pow(pack a, double e) {
 """
 
 LOOPS = r"""
-enum { n = %(nodes)d, d = 3 * n, size = %(size)d };
-static inline void gather(const int32_t *cell, int64_t left, const double *from, pack *to) {
+enum { n = %(nodes)d, P = %(points)d, d = 3 * n, row = d + 1 };
+/* A tetrahedron of volume 1: FFCx multiplies by it. */
+static const double unit[12] = {0, 0, 0, 6, 0, 0, 0, 1, 0, 0, 0, 1};
+static inline void gather(const int32_t *cell, int64_t left, const double *u, pack *to) {
   for (int a = 0; a < n; ++a)
     for (int l = 0; l < 8; ++l) {
-      const double *p = from + 3 * int64_t(cell[(l < left ? l : 0) * n + a]);
+      const double *p = u + 3 * int64_t(cell[(l < left ? l : 0) * n + a]);
       for (int k = 0; k < 3; ++k) to[3 * a + k].x[l] = p[k];
     }
 }
-/* The packs of eight cells from `first`; the last pack repeats a cell, whose results are not used. */
-#define OVER_CELLS(use) \
-  for (int64_t first = 0; first < cells; first += 8) { \
+/* A function of F, given the gradients of one sample point. */
+template <class Law> static inline void at(Law law, const pack *u, const pack *g, const double *c, int size, pack *out) {
+  pack F[9];
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      F[3 * i + j] = double(i == j);
+      for (int a = 0; a < n; ++a) F[3 * i + j] += u[3 * a + i] * g[3 * a + j];
+    }
+  for (int i = 0; i < size; ++i) out[i] = 0.0;
+  law(out, F, c, unit, nullptr, nullptr);
+}
+/* The packs of eight cells from `first`; the last one repeats a cell, whose results are not used. */
+#define OVER_CELLS \
+  for (int64_t first = 0; first < cells; first += 8, table += P * row) { \
     const int64_t left = cells - first < 8 ? cells - first : 8; \
     const int32_t *cell = nodes + first * n; \
-    pack x[d], w[d], A[size]; \
-    gather(cell, left, points, x); \
-    gather(cell, left, u, w); \
-    for (int i = 0; i < size; ++i) A[i] = 0.0; \
-    kernel(A, w, c, x, nullptr, nullptr); \
-    for (int l = 0; l < left; ++l) { use } \
+    pack x[d]; \
+    gather(cell, left, u, x);
+#define OVER_POINTS \
+    for (int p = 0; p < P; ++p) { \
+      const pack *g = table + p * row, V = g[d]; \
+      const double *lame = constants + 2 * p;
+extern "C" void energies(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
+                         double *out) {
+  OVER_CELLS
+    pack sum = 0.0;
+    OVER_POINTS
+      pack W;
+      at(energy, x, g, lame, 1, &W);
+      sum += V * W;
+    }
+    for (int l = 0; l < left; ++l) out[first + l] = sum.x[l];
   }
-extern "C" void run(int64_t cells, const int32_t *nodes, const double *points, const double *u, const double *c,
-                    const int32_t *slot, double *out) {
-#if %(rank)d == 0
-  (void)slot;
-  OVER_CELLS(out[first + l] = A[0].x[l];)
-#elif %(rank)d == 1
-  (void)slot;
-  OVER_CELLS(for (int a = 0; a < n; ++a) for (int k = 0; k < 3; ++k) out[3 * int64_t(cell[l * n + a]) + k] += A[3 * a + k].x[l];)
-#else
-  OVER_CELLS(const int32_t *s = slot + (first + l) * size; for (int i = 0; i < size; ++i) out[s[i]] += A[i].x[l];)
-#endif
+}
+extern "C" void forces(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
+                       double *out) {
+  OVER_CELLS
+    pack f[d];
+    for (int i = 0; i < d; ++i) f[i] = 0.0;
+    OVER_POINTS
+      pack S[9];
+      at(stress, x, g, lame, 9, S);
+      for (int i = 0; i < 9; ++i) S[i] = V * S[i];
+      for (int a = 0; a < n; ++a)
+        for (int i = 0; i < 3; ++i)
+          for (int j = 0; j < 3; ++j) f[3 * a + i] += S[3 * i + j] * g[3 * a + j];
+    }
+    for (int l = 0; l < left; ++l)
+      for (int a = 0; a < n; ++a)
+        for (int k = 0; k < 3; ++k) out[3 * int64_t(cell[l * n + a]) + k] += f[3 * a + k].x[l];
+  }
+}
+extern "C" void stiffnesses(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
+                            double *out, const int32_t *slot) {
+  OVER_CELLS
+    pack K[d * d];
+    for (int i = 0; i < d * d; ++i) K[i] = 0.0;
+    OVER_POINTS
+      pack A[81];
+      at(tangent, x, g, lame, 81, A);
+      for (int a = 0; a < n; ++a) {
+        pack G[3], T[27];
+        for (int j = 0; j < 3; ++j) G[j] = V * g[3 * a + j];
+        for (int i = 0; i < 3; ++i)
+          for (int m = 0; m < 9; ++m) T[9 * i + m] = G[0] * A[27 * i + m] + G[1] * A[27 * i + 9 + m] + G[2] * A[27 * i + 18 + m];
+        for (int b = a; b < n; ++b)
+          for (int i = 0; i < 3; ++i)
+            for (int k = 0; k < 3; ++k) {
+              const pack *t = T + 9 * i + 3 * k, *h = g + 3 * b;
+              K[(3 * a + i) * d + 3 * b + k] += t[0] * h[0] + t[1] * h[1] + t[2] * h[2];
+            }
+      }
+    }
+    const int32_t *s = slot + first * (d * (d + 1) / 2);
+    for (int l = 0; l < left; ++l)
+      for (int i = 0; i < d; ++i)
+        for (int j = i; j < d; ++j) out[*s++] += K[d * i + j].x[l];
+  }
 }
 """
 
 
 class Kernel:
-    """One form for one type of cell, compiled for this processor; its only coefficient is a vector field of first order."""
+    """The sample points of one mesh, ready for a law. Every call adds to, or fills, the array that it returns."""
 
-    def __init__(self, form: Any, nodes: int) -> None:
-        """Args: form of rank 0, 1 or 2; nodes of a cell."""
-        rank = len(form.arguments())
-        loops = LOOPS % {"nodes": nodes, "size": (3 * nodes) ** rank, "rank": rank}
-        self._run = _library(form, loops).run
-        self._run.restype = None
+    def __init__(self, law: str, cells: NDArray[np.int64], samples: Samples) -> None:
+        """Args: law of material.py; cells (C, n)."""
+        self.cells = np.ascontiguousarray(cells, np.int32)
+        self._table, self._parts = _packs(samples), samples.parts
+        self._library = _library(law, self.cells.shape[1], len(samples.volumes))
 
-    def __call__(self, cells: NDArray[np.int32], points: Floats, u: Floats, constants: Floats, out: Floats,
-                 slot: NDArray[np.int32] | None = None) -> Floats:
-        """Rank 0: the value of each cell into out (C,). Rank 1: added to out (N, 3). Rank 2: added to out[slot (C, d * d)].
+    def energies(self, u: Floats, lame: tuple[float, float]) -> Floats:
+        """(C,) [J] at displacements (N, 3) [m], for Lame's parameters (lambda, mu) [Pa]."""
+        return self._run("energies", u, lame, np.empty(len(self.cells)))
 
-        Args:
-            cells: (C, n) in dolfinx's order of nodes
-            points, u: (N, 3)
-            constants: in the order in which they were made
-        """
-        u = np.ascontiguousarray(u)
-        self._run(ctypes.c_int64(len(cells)), *(_pointer(a) for a in (cells, points, u, constants)),
-                  _pointer(slot) if slot is not None else None, _pointer(out))
+    def forces(self, u: Floats, lame: tuple[float, float]) -> Floats:
+        """(N, 3) internal nodal forces [N]."""
+        return self._run("forces", u, lame, np.zeros(u.shape))
+
+    def add_stiffness(self, u: Floats, lame: tuple[float, float], slot: NDArray[np.int32], out: Floats) -> None:
+        """Add the upper half of each cell's tangent stiffness, row by row, to out[slot], slot (C, d (d + 1) / 2)."""
+        assert slot.shape[1] == 3 * self.cells.shape[1] * (3 * self.cells.shape[1] + 1) // 2
+        self._run("stiffnesses", u, lame, out, pointer(slot))
+
+    def _run(self, name: str, u: Floats, lame: tuple[float, float], out: Floats, *more: ctypes.c_void_p) -> Floats:
+        u, constants = np.ascontiguousarray(u), self._parts * lame
+        getattr(self._library, name)(ctypes.c_int64(len(self.cells)), *(pointer(a) for a in (self.cells, self._table, constants, u, out)),
+                                     *more)
         return out
 
 
-def _pointer(array: NDArray[Any]) -> ctypes.c_void_p:
-    assert array.flags.c_contiguous
-    return ctypes.c_void_p(array.ctypes.data)
+def _packs(samples: Samples) -> Floats:
+    """(packs, P, d + 1, 8) gradients and volumes of eight cells side by side, on an address that is a multiple of 64."""
+    points, cells = samples.volumes.shape
+    values = np.concatenate([samples.gradients.reshape(points, cells, -1), samples.volumes[:, :, None]], axis=2)
+    values = np.pad(values, ((0, 0), (0, -cells % 8), (0, 0)))
+    values = values.reshape(points, -1, 8, values.shape[2]).transpose(1, 0, 3, 2)
+    room = np.empty(values.size + 8)
+    start = -room.ctypes.data // 8 % 8
+    packs = room[start:start + values.size].reshape(values.shape)
+    packs[:] = values
+    return packs
 
 
-def _packed(function: str) -> str:
-    """The function with packs for all numbers that vary from cell to cell; tables and constants of the form stay numbers."""
-    body = function.index("{")
-    head = ("static inline void kernel(pack *__restrict A, const pack *__restrict w, const double *__restrict c,\n"
-            "    const pack *__restrict coordinate_dofs, const int *, const uint8_t *)\n")
-    return head + re.sub(r"(?<!static const )\bdouble\b", "pack", function[body:])
+def _packed(name: str, form: Any) -> str:
+    """FFCx's function with packs for all numbers that vary from cell to cell; tables and constants of the form stay numbers."""
+    function = fem.cell_function(form)
+    head = (f"static inline void {name}(pack *__restrict A, const pack *__restrict w, const double *__restrict c,\n"
+            "    const double *__restrict coordinate_dofs, const int *, const uint8_t *)\n")
+    return head + re.sub(r"(?<!static const )\bdouble\b", "pack", function[function.index("{"):]) + "\n"
 
 
-def _library(form: Any, loops: str) -> ctypes.CDLL:
-    """The compiled kernel of a form, from the cache of this processor or into it."""
-    folder = fem.cache_folder()
-    folder.mkdir(parents=True, exist_ok=True)
-    key = hashlib.sha256("\n".join([fem.FFCX_VERSION, form.signature(), *fem.COMPILE, PACK, loops]).encode()).hexdigest()[:32]
-    library = folder / f"kernel_{key}.so"
-    if not library.exists():
-        with tempfile.TemporaryDirectory(dir=folder) as scratch:
-            (Path(scratch) / "kernel.cpp").write_text(PACK + _packed(fem.cell_function(form)) + loops)
-            command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp"]
-            made = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
-            if made.returncode:
-                raise RuntimeError(f"g++ could not compile a kernel: {made.stderr.strip().splitlines()[0]}")
-            os.replace(Path(scratch) / "kernel.so", library)  # whole or not at all, whoever else is compiling the same
-    return ctypes.CDLL(str(library))
+@cache
+def _library(law: str, nodes: int, points: int) -> ctypes.CDLL:
+    """The compiled loops."""
+    domain, tensors = fem.tensors()
+    F, S, T = ufl.Coefficient(tensors), ufl.TestFunction(tensors), ufl.TrialFunction(tensors)
+    energy = LAWS[law](F, ufl.Constant(domain), ufl.Constant(domain)) * ufl.dx(metadata={"quadrature_degree": 0})
+    loops = LOOPS % {"nodes": nodes, "points": points}
+
+    def source() -> str:
+        stress = ufl.derivative(energy, F, S)
+        forms = {"energy": energy, "stress": stress, "tangent": ufl.derivative(stress, F, T)}
+        return PACK + "".join(_packed(*form) for form in forms.items()) + loops
+
+    loaded = compiled(source, fem.FFCX_VERSION, energy.signature(), PACK, loops)
+    for name in ("energies", "forces", "stiffnesses"):
+        getattr(loaded, name).restype = None
+    return loaded

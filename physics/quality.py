@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from physics.element import CORNERS, GAUSS, RULES, shape_gradients
 from physics.mesh import EDGES, FACETS
 from physics.schema import InputError
 
@@ -46,16 +46,14 @@ def rmse(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice =
     return float(np.sqrt(np.mean(np.sum(error**2, axis=-1))))
 
 
-def hausdorff(a: ArrayLike, b: ArrayLike) -> float:
-    """GF_h [m]: the largest distance from a node of one set to the nearest node of the other; a (N, 3), b (M, 3)."""
-    there, back = _gaps(a, b)
-    return float(max(there.max(), back.max()))
+def set_distances(a: ArrayLike, b: ArrayLike) -> tuple[float, float]:
+    """GF_h [m] and GF_c [m^2] of two sets of nodes a (N, 3) and b (M, 3).
 
-
-def chamfer(a: ArrayLike, b: ArrayLike) -> float:
-    """GF_c [m^2]: mean over a of the squared distance to the nearest of b, plus the same from b to a; a (N, 3), b (M, 3)."""
+    GF_h, Hausdorff: the largest distance from a node of one set to the nearest node of the other.
+    GF_c, Chamfer: the mean over a of the squared distance to the nearest node of b, plus the same from b to a.
+    """
     there, back = _gaps(a, b)
-    return float(np.mean(there**2) + np.mean(back**2))
+    return float(max(there.max(), back.max())), float(np.mean(there**2) + np.mean(back**2))
 
 
 def _gaps(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
@@ -96,6 +94,12 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
     if rest.min() <= 0:
         raise InputError(f"{int((rest.min(axis=(0, 2)) <= 0).sum())} of {len(cells)} cells are inverted in the rest state")
     return _by_frame([(part / rest).min(axis=0) for part in _jacobians(x, cells, cell)], x)
+
+
+def centre_gradients(cell: str) -> Floats:
+    """(n, 3) gradients of the shape functions at a cell's centre in the cell's coordinates: linear in each, so the vertices' mean."""
+    gradients = _samples(cell)[0]
+    return gradients[:gradients.shape[1]].mean(axis=0)
 
 
 def smallest_det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Floats:
@@ -199,21 +203,14 @@ def _neighbours(cells: Integers, cell: str) -> Integers:
 @cache
 def _samples(cell: str) -> tuple[Floats, Floats]:
     """(Q, n, 3) gradients of the shape functions in the cell's coordinates, vertices first; (Q,) weights of the volume."""
-    ends, gauss = (0.0, 1.0), (0.5 - 12**-0.5, 0.5 + 12**-0.5)
     if cell == "tetrahedron":
-        return np.array([[[-1.0, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]]]), np.array([1 / 6])
-    if cell == "prism":
-        places = [(r, s, t) for ts in (ends, gauss) for t in ts for r, s in ((0, 0), (1, 0), (0, 1))]
-        gradients = [[(t - 1, t - 1, r + s - 1), (1 - t, 0, -r), (0, 1 - t, -s),
-                      (-t, -t, 1 - r - s), (t, 0, r), (0, t, s)] for r, s, t in places]
-        return np.array(gradients, np.float64), np.repeat([0.0, 1 / 12], 6)
-    if cell == "hexahedron":
-        corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
-        at = np.concatenate([corners.astype(np.float64), np.array(list(product(gauss, repeat=3)))])[:, None]  # (16, 1, 3)
-        slope, value = 2.0 * corners - 1, np.where(corners, at, 1 - at)  # d/dx of x is 1, of 1 - x is -1
-        gradients = [slope[:, k] * np.prod(np.delete(value, k, axis=2), axis=2) for k in range(3)]
-        return np.stack(gradients, axis=2), np.repeat([0.0, 1 / 8], 8)
-    raise InputError(f"cell = {cell!r}: must be one of tetrahedron, prism, hexahedron")
+        points, weights = RULES[cell]
+    elif cell == "prism":
+        places = [(r, s, t) for ts in ((0.0, 1.0), GAUSS) for t in ts for r, s in ((0, 0), (1, 0), (0, 1))]
+        points, weights = np.array(places), np.repeat([0.0, 1 / 12], 6)
+    else:
+        points, weights = np.concatenate([CORNERS, RULES["hexahedron"][0]]), np.repeat([0.0, 1 / 8], 8)
+    return shape_gradients(cell, points), weights
 
 
 def _jacobians(points: Floats, cells: Integers, cell: str, kept: Integers | slice = slice(None)) -> Iterator[Floats]:

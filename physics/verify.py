@@ -1,11 +1,12 @@
 """A predicted trajectory held against finite elements: against a reference trajectory, and against the equations.
 
-Against the reference: root mean square errors, mesh quality (quality.py), energy and reaction. Against the equations,
-needing no reference:
+Against the reference: root mean square errors, mesh quality (quality.py), energy, reaction and stress (stress.py). Against the
+equations, needing no reference:
 - residual force: what is missing to equilibrium at each frame, f(u) - b - sum_q p_q n_q on the free components, for the
   contact forces p >= 0 at touching points that leave the least of it (a non-negative least-squares problem). A point
   touches when its gap is below TOUCHING cell sizes. The reference for its size is the largest reaction of the trajectory.
-- estimated error: one Newton step from the prediction, contact included, is about what it lacks to the equilibrium nearby.
+- estimated error |K^-1 R|: one Newton step from the prediction, contact included, is about what it lacks to the equilibrium
+  nearby. Its effectivity, estimated over true error, says whether that may be believed: 1 is perfect.
 - penetration of the obstacle, smallest det F and inverted cells.
 A frame of an FE solution scores the solver's tolerance, or the rounding of the file that it was stored in.
 
@@ -26,6 +27,7 @@ from physics.balance import Balance
 from physics.mesh import Mesh
 from physics.newton import Newton, NoEquilibrium
 from physics.scene import Scene
+from physics.stress import von_mises
 
 Floats = NDArray[np.float64]
 TOUCHING = 0.05  # of a cell size
@@ -48,9 +50,12 @@ class Fidelity:
     relative_residual: float  # root mean square over the checked frames of |R| / largest reaction
     energy_error: float  # root mean square over the checked frames, over the largest energy of the reference
     reaction_error: float  # root mean square over the checked frames, over the largest reaction of the reference
+    stress_error: float  # von Mises at the cells' centres: root mean square over cells and checked frames, over that of the reference
     estimated_error: float  # free nodes, root mean square over the checked frames; infinite where no step can be made
+    effectivity: float  # estimated over true error of the checked frames; not a number when there is no error
     largest_penetration: float
     smallest_det_f: float
+    smallest_scaled_jacobian: float
     inverted_elements: int  # in the worst frame
     worst_step: int  # with the largest error of free nodes
 
@@ -120,7 +125,7 @@ def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene, mesh: M
     first = u[1:2] if one_step is None else np.asarray(one_step, np.float64)
     of_first = truth[1:len(first) + 1]
     predicted, true = mesh.points + u[1:], mesh.points + truth[1:]
-    error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))
+    error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))  # (T,)
 
     checker = Checker(scene, mesh)
     frames = np.unique(np.linspace(1, steps, min(steps, sample or steps)).round().astype(int))
@@ -129,23 +134,26 @@ def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene, mesh: M
     reaction = max(float(np.linalg.norm(frame.reaction)) for frame in due) or np.nan  # no force, no ratio to it
     energy = max(frame.energy for frame in due) or np.nan
     lacking = np.array([checker.correction(u[t], t / steps)[free] for t in frames])
+    estimated, missed = _rms(np.linalg.norm(lacking, axis=2)), _rms(error[frames])
+    stress = np.array([[von_mises(mesh, of[t], scene.material) for t in frames] for of in (u, truth)])  # (2, frames, C)
     cells = (mesh.cells, mesh.cell)
+    distances = np.array([quality.set_distances(a, b) for a, b in zip(predicted, true, strict=True)])
+    det = quality.det_f(mesh.points, u, *cells)
     return Fidelity(
         rmse_1=quality.rmse(first, of_first, free), rmse_50=quality.rmse(u[1:51], truth[1:51], free),
         rmse_all=quality.rmse(u[1:], truth[1:], free), rmse_1_pooled=quality.rmse(first, of_first),
         rmse_50_pooled=quality.rmse(u[1:51], truth[1:51]), rmse_all_pooled=quality.rmse(u[1:], truth[1:]),
-        gf_h=float(np.mean([quality.hausdorff(a, b) for a, b in zip(predicted, true, strict=True)])),
-        gf_c=float(np.mean([quality.chamfer(a, b) for a, b in zip(predicted, true, strict=True)])),
+        gf_h=float(distances[:, 0].mean()), gf_c=float(distances[:, 1].mean()),
         mc=float(np.mean(quality.mesh_continuity_error(predicted, true, *cells))),
         ar=float(np.mean(quality.aspect_ratio_error(predicted, true, *cells))),
         relative_residual=_rms([frame.residual for frame in found]) / reaction,
         energy_error=_rms([a.energy - b.energy for a, b in zip(found, due, strict=True)]) / energy,
         reaction_error=_rms([np.linalg.norm(a.reaction - b.reaction) for a, b in zip(found, due, strict=True)]) / reaction,
-        estimated_error=_rms(np.linalg.norm(lacking, axis=2)),
+        stress_error=_rms(stress[0] - stress[1]) / (_rms(stress[1]) or np.nan),
+        estimated_error=estimated, effectivity=estimated / missed if missed else np.nan,
         largest_penetration=max(checker.penetration(u[t], t / steps) for t in range(1, steps + 1)),
-        smallest_det_f=float(quality.smallest_det_f(mesh.points, u, *cells).min()),
-        inverted_elements=int(quality.inverted_cells(mesh.points, u, *cells).max()),
-        worst_step=int(np.argmax(error)))
+        smallest_det_f=float(det.min()), smallest_scaled_jacobian=float(quality.scaled_jacobian(predicted, *cells).min()),
+        inverted_elements=int(np.count_nonzero(~(det > 0), axis=-1).max()), worst_step=int(np.argmax(error)))
 
 
 def _rms(values: ArrayLike) -> float:

@@ -1,10 +1,13 @@
 """Energy, forces and stiffness of a body assembled by dolfinx, cell by cell: what our own loops over cells are held against."""
 
+import logging
+
 import numpy as np
 import ufl
 
 from physics import fem
 from physics.elasticity import Elasticity
+from physics.element import RULES
 from physics.material import LAWS, lame
 
 
@@ -16,7 +19,10 @@ class DolfinxElasticity(Elasticity):
         self._u = self.space.function()
         v, w = ufl.TestFunction(self.space.V), ufl.TrialFunction(self.space.V)
         lmbda, mu = (self.space.constant(value) for value in lame(self.material))
-        W = LAWS[self.material.law](ufl.Identity(3) + ufl.grad(self._u), lmbda, mu) * ufl.dx(metadata=fem.quadrature(self.mesh.cell))
+        points, weights = RULES[self.mesh.cell]
+        logging.getLogger("UFL").setLevel(logging.ERROR)  # it is not sure that arrays can be metadata; FFCx reads them there
+        rule = {"quadrature_degree": 2, "quadrature_rule": "custom", "quadrature_points": points, "quadrature_weights": weights}
+        W = LAWS[self.material.law](ufl.Identity(3) + ufl.grad(self._u), lmbda, mu) * ufl.dx(metadata=rule)
         force = ufl.derivative(W, self._u, v)
         self._forms = [fem.compile_form(form) for form in (W, force, ufl.derivative(force, self._u, w))]
         self._conditions, self._tangent = fem.fix(self.space, self.fixed), fem.create_matrix(self._forms[2])

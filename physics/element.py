@@ -1,0 +1,101 @@
+"""Where the energy of a cell is sampled, and with which gradients of its shape functions.
+
+A cell of the rest body has the energy sum_p V_p W(F_p), F_p = I + sum_a u_a (x) g_ap: at each of its sample points p a
+volume V_p [m3] and a gradient g_ap [1/m] for each node a. An element is a choice of these.
+
+standard: g_ap is the gradient of the shape function of node a at the points of a Gauss rule.
+
+reduced (prisms whose triangles lie across a beam): first-order prisms lock in bending, for three reasons. Along the beam,
+    a linear deflection cannot follow a curvature; the slope that is missing turns up as shear, and stiffens a cell of
+    length h in a beam of height H by about h^2 / 2.8 H^2. In the section, strain along the beam varies within a triangle and
+    strain across it cannot, so the lateral contraction is hindered; the nearer Poisson's ratio is to 1/2, the more. And
+    nearly incompressible cells have more points to keep their volume at than they have freedom. So
+    - the part of W with mu is sampled at mid-height only, at three points of the triangle. It leaves no motion without
+      energy but the six rigid ones: the difference of the two triangles' motions enters as stretch along the axis and as
+      shear, and both are zero only for a rigid turn;
+    - the part with lambda is sampled once, with the mean gradient (Hughes, The Finite Element Method, section 4.5: selective
+      reduced integration and the mean dilatation).
+    All laws in material.py are sums of these two parts. At mid-height a constant is added to the gradients that gives them the
+    mean of the true ones, integral of grad N_a over the cell divided by V (Flanagan and Belytschko 1981, eq. 16): only then
+    is uniform stress in equilibrium on distorted cells too. Strain in the section that varies along the axis within one cell
+    is not resisted by itself, so this is no element for prisms that lie flat in a plate.
+
+Legend: C cells, n nodes of a cell (in gmsh's order), P sample points of a cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from physics.mesh import Mesh
+from physics.schema import InputError
+
+Floats = NDArray[np.float64]
+
+GAUSS = (0.5 - 12**-0.5, 0.5 + 12**-0.5)  # two points on [0, 1], each of weight 1/2
+TRIANGLE = ((1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3))  # three points, each of weight 1/6
+# One point a prism would let hourglass modes through; two degrees integrate the stiffness of straight cells well.
+RULES = {
+    "tetrahedron": (np.full((1, 3), 0.25), np.array([1 / 6])),
+    "prism": (np.array([(r, s, t) for t in GAUSS for r, s in TRIANGLE]), np.full(6, 1 / 12)),
+    "hexahedron": (np.array(list(product(GAUSS, repeat=3))), np.full(8, 1 / 8)),
+}
+MID_HEIGHT = np.array([(r, s, 0.5) for r, s in TRIANGLE]), np.full(3, 1 / 6)
+CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])  # of a hexahedron
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The sample points of all cells of a mesh; `parts` says which share of lambda and of mu counts at each."""
+
+    gradients: Floats  # (P, C, n, 3) [1/m]
+    volumes: Floats  # (P, C) [m3]
+    parts: Floats  # (P, 2)
+
+
+def shape_gradients(cell: str, points: ArrayLike) -> Floats:
+    """(P, n, 3) gradients of the shape functions in the cell's own coordinates, at points (P, 3) of it."""
+    r, s, t = np.asarray(points, np.float64).T
+    zero, one = np.zeros_like(r), np.ones_like(r)
+    if cell == "tetrahedron":
+        rows = [(-one, -one, -one), (one, zero, zero), (zero, one, zero), (zero, zero, one)]
+    elif cell == "prism":
+        rows = [(t - 1, t - 1, r + s - 1), (1 - t, zero, -r), (zero, 1 - t, -s), (-t, -t, 1 - r - s), (t, zero, r), (zero, t, s)]
+    elif cell == "hexahedron":
+        at = np.stack([r, s, t], axis=-1)[:, None]  # (P, 1, 3)
+        slope, value = 2.0 * CORNERS - 1, np.where(CORNERS, at, 1 - at)  # d/dx of x is 1, of 1 - x is -1
+        return np.stack([slope[:, k] * np.prod(np.delete(value, k, axis=2), axis=2) for k in range(3)], axis=2)
+    else:
+        raise InputError(f"cell = {cell!r}: must be one of tetrahedron, prism, hexahedron")
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
+
+def samples(mesh: Mesh, element: str = "standard") -> Samples:
+    """The sample points of an element on a mesh of solid cells."""
+    gradients, volumes = _isoparametric(mesh, *RULES[mesh.cell])
+    if element == "standard":
+        return Samples(gradients, volumes, np.ones((len(volumes), 2)))
+    assert element == "reduced" and mesh.cell == "prism", "the scene has been checked"
+    mean, volume = _mean(gradients, volumes)
+    middle, shares = _isoparametric(mesh, *MID_HEIGHT)
+    shares *= volume / shares.sum(axis=0)
+    middle += mean - _mean(middle, shares)[0]
+    return Samples(np.concatenate([middle, mean[None]]), np.concatenate([shares, volume[None]]),
+                   np.array([(0.0, 1.0)] * len(shares) + [(1.0, 0.0)]))
+
+
+def _isoparametric(mesh: Mesh, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Gradients (P, C, n, 3) and volumes (P, C) at points of every cell."""
+    local = shape_gradients(mesh.cell, points)  # (P, n, 3)
+    jacobian = np.einsum("cni,pnj->pcij", mesh.points[mesh.cells], local)
+    return local[:, None] @ np.linalg.inv(jacobian), weights[:, None] * np.linalg.det(jacobian)
+
+
+def _mean(gradients: Floats, volumes: Floats) -> tuple[Floats, Floats]:
+    """(C, n, 3) mean of gradients over each cell, and the cells' volumes (C,)."""
+    volume = volumes.sum(axis=0)
+    return np.einsum("pc,pcni->cni", volumes, gradients) / volume[:, None, None], volume

@@ -1,0 +1,44 @@
+"""Whether a loading is slow enough to leave inertia out.
+
+A load that rises evenly over a time t makes an undamped mode of period T swing about its static value by
+
+    |sin(pi t / T)| / (pi t / T) <= T / (pi t)
+
+of it (Clough and Penzien, Dynamics of Structures, 5-2: ramp of finite rise time), the first mode most. Contact makes a body
+stiffer and its periods shorter, so the first period of the free body bounds what a slow obstacle does as well. A path of
+several legs changes its speed at each way-point; t is then the time of one leg.
+"""
+
+from __future__ import annotations
+
+import math
+
+from physics.scene import Scene
+
+FAIR = 0.01  # largest share of the static displacement that may swing
+
+
+def inertia(scene: Scene, frequency: float) -> str:
+    """What is done about inertia and why, in words; frequency [Hz] of the first mode, zero when a motion is left free."""
+    if not frequency > 0:
+        return "left out: the supports leave a motion free, which has no period to compare the loading with"
+    period, duration = 1 / frequency, scene.steps.duration
+    mode = f"the first mode ({frequency:.4g} Hz)"
+    if duration is None:
+        fair = fair_duration(scene, period)
+        return (f"left out; fair when the loading takes at least {fair:.3g} s, {fair / period:.0f} periods of {mode}: then the body swings "
+                f"by at most {FAIR:.0%} of its static displacement. The scene gives no duration")
+    swing = min(2.0, period * legs(scene) / (math.pi * duration))
+    said = (f"left out: the loading takes {duration:g} s, {duration / period:.3g} periods of {mode}, so that the body swings by at most "
+            f"{swing:.2g} of its static displacement")
+    return said if swing <= FAIR else said + f"; above {FAIR:g} this matters: [steps] dynamic = true has inertia"
+
+
+def fair_duration(scene: Scene, period: float) -> float:
+    """The shortest loading [s] that is slow for a body of a first period [s]."""
+    return period * legs(scene) / (math.pi * FAIR)
+
+
+def legs(scene: Scene) -> int:
+    """Straight parts of the obstacle's path; at least 1."""
+    return max(1, len(scene.obstacle.path) - 1) if scene.obstacle is not None else 1
