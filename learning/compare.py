@@ -19,7 +19,7 @@ from learning.checkpoint import Model, load_model
 from learning.evaluate import load_cases, report_on
 from learning.predictor import Case, Predictor
 from learning.rivals import REFERENCE, elements, reduced, trivial
-from learning.surrogates import corrected, learned
+from learning.surrogates import corrected, estimated, learned
 from physics.mesh import build_mesh
 from physics.scene import load_scene
 from physics.schema import InputError
@@ -78,7 +78,8 @@ def predictors(models: dict[str, Model]) -> list[Predictor]:
     if len(set(names.values())) < len(names):
         raise InputError(f"--run: the folders {', '.join(models)} must have different names, by which the report calls them")
     rungs = [predictor for run, model in models.items()
-             for predictor in (learned(model, names[run]), corrected(model, 1, names[run]), corrected(model, None, names[run]))]
+             for predictor in (learned(model, names[run]), *([estimated(names[run])] if model.config.estimate else []),
+                              corrected(model, 1, names[run]), corrected(model, None, names[run]))]
     return [*rungs, *trivial(),
             elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2),
             elements("FE, a tenth of the steps", fewer=10), elements(f"FE, tolerance {LOOSE:g}", tolerance=LOOSE),

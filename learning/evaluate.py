@@ -27,7 +27,7 @@ from learning.predictor import Case, Predictor
 from learning.report import write_report
 from learning.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.seen import Seen, outside, read_seen
-from learning.surrogates import corrected, learned
+from learning.surrogates import corrected, estimated, learned
 from learning.table import Report, Row, best_learned
 from physics.scene import Scene
 from physics.schema import InputError
@@ -59,7 +59,8 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         raise InputError("no trajectories to evaluate on")
     model = load_model(run)
     cases = load_cases(files)
-    predictors = [learned(model), corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
+    alone = [estimated()] if model.config.estimate else []
+    predictors = [learned(model), *alone, corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
                   elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
                      refined=refined, say=say)

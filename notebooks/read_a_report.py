@@ -97,5 +97,5 @@ for count in (1, 2):
     corrector = Corrector(scene, mesh, count=count)
     path = np.array([prediction[0]] + [corrector(prediction[t], t / last) for t in range(1, last + 1)])
     error = np.sqrt(np.mean(np.sum((path - truth.displacement[:, truth.body])[1:] ** 2, axis=2)))
-    print(f"{count} Newton step{'s' if count > 1 else ' '} a frame: {1e3 * error:.4f} mm, {corrector.factorisations} factors in {last} frames")
+    print(f"{count} a frame: {1e3 * error:.4f} mm, {corrector.factorisations} factors in {last} frames")
 assert error < 0.1 * found["rmse_all_pooled"]
