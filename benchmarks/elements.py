@@ -189,7 +189,7 @@ def draw(rows: list[dict], pressed: list[dict], path: str) -> None:
 
     panels = {"20 times as long as thick, small load, ν = 0.4": (20, 0.4, 0.01), "the same, ν = 0.499": (20, 0.499, 0.01),
               "100 times, end turned by 45°, ν = 0.4": (100, 0.4, 2.0), "press scene, reaction at the last step": None}
-    figure, axes = plt.subplots(1, 4, figsize=(15, 4), sharey=True, layout="constrained")
+    figure, axes = plt.subplots(1, 4, figsize=(14, 4.4), sharey=True, layout="constrained")
     for axis, (title, case) in zip(axes, panels.items(), strict=True):
         rows_of_case = [row for row in rows if (row["slenderness"], row["poisson_ratio"], row["load"]) == case] if case else pressed
         for kind, colour in zip(KINDS, COLOURS, strict=True):
@@ -197,11 +197,13 @@ def draw(rows: list[dict], pressed: list[dict], path: str) -> None:
             error = [100 * abs(row["error" if case else "reaction_error"]) for row in part]
             axis.loglog([row["seconds"] for row in part], error, "o--" if "order" in kind else "o-", color=colour, label=kind,
                         mfc="white" if "order" in kind else colour)
-        axis.set(title=title, xlabel="processor time [s]")
+        seconds = [row["seconds"] for row in rows_of_case]
+        axis.set(xlabel="processor time [s]", xlim=(10 ** np.floor(np.log10(min(seconds))), 10 ** np.ceil(np.log10(max(seconds)))))
+        axis.set_title(title, fontsize=10)
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("error [%]")
-    axes[0].legend(fontsize=8)
-    figure.savefig(path, dpi=100)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9)
+    figure.savefig(path, dpi=80)
 
 
 def table(rows: list[dict]) -> str:

@@ -10,9 +10,9 @@ mean-dilatation (prisms and hexahedra): nearly incompressible cells have more po
     once in each cell, with the mean gradient (Hughes, The Finite Element Method, section 4.5).
 
 reduced (prisms whose triangles lie across a beam): locks neither then nor in bending. Along the beam, a linear deflection
-    cannot follow a curvature; the slope that is missing turns up as shear, and stiffens a cell of length h in a beam of
-    height H by about h^2 / 2.8 H^2. In the section, strain along the beam varies within a triangle and strain across it
-    cannot, so the lateral contraction is hindered. So
+    cannot follow a curvature; the slope that is missing turns up as shear, and stiffens cells of length h in a beam of
+    height H by the share G h^2 / E H^2, E and G being Young's and the shear modulus. In the section, strain along the beam
+    varies within a triangle and strain across it cannot, so the lateral contraction is hindered. So
     - the part of W with mu is sampled at mid-height only, at three points of the triangle. It leaves no motion without
       energy but the six rigid ones: the difference of the two triangles' motions enters as stretch along the axis and as
       shear, and both are zero only for a rigid turn;
