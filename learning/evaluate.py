@@ -133,7 +133,7 @@ def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, re
                              f"{_range(sorted({case.steps for case in cases}))} steps; free nodes are those that neither a "
                              "support holds nor the obstacle is made of",
         "gathering": "means over trajectories; of penetration, det F, scaled Jacobian and inverted cells the worst",
-        "timing": f"wall time in one process, one predictor after the other on each scene; {timed}",
+        "timing": f"processor time of one process, one predictor after the other on each scene; {timed}",
     }
     for run, model in runs.items():
         about = read_state(Path(run) / "model.safetensors").about

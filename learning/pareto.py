@@ -47,7 +47,7 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     to = "the scene on cells of half the size" if error == "rmse_refined" else "the data"
-    axes.set(xscale="log", yscale="log", xlabel="wall time per step [ms], set-up included (end of the bar: excluded)",
+    axes.set(xscale="log", yscale="log", xlabel="processor time per step [ms], set-up included (end of the bar: excluded)",
              ylabel=f"RMSE to {to}, whole rollouts, free nodes [mm]")
     points = {row.name: (row.ms_per_step, 1e3 * row.scores[error]) for row in rows if row.scores[error] > 0 and row.ms_per_step > 0}
     best = [points[row.name] for row in front(rows, error) if row.name in points]
