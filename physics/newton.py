@@ -109,6 +109,10 @@ class Newton:
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
 
+    def outdate(self) -> None:
+        """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
+        self._stale = True
+
     def memory(self) -> dict[str, NDArray[Any]]:
         """All that the next equilibrium depends on besides its start: what `recall` takes."""
         kept = {"counts": np.array([self.factorisations, self._fresh, self._excess])}
