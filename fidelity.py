@@ -194,17 +194,25 @@ def train(options: Options) -> dict[str, Any]:
 
 
 def rollout(options: Options) -> dict[str, Any]:
-    """A trained network's prediction of a whole trajectory."""
+    """A trained network's prediction of a whole trajectory, on request corrected by Newton steps."""
+    from datagen.prediction import read_truth
     from datagen.trajectory import read_sound, write_trajectory
     from learning.checkpoint import load_model
     from learning.rollout import rollout as run
     from physics.quality import rmse
 
-    model, trajectory = load_model(options.run), read_sound(options.trajectory)
+    model = load_model(options.run)
+    truth = read_truth(options.trajectory) if options.correct else None
+    trajectory = truth[0] if truth else read_sound(options.trajectory)
     out = _writable(options.out, ".vtkhdf")
     if out.resolve() == Path(options.trajectory).resolve():
         raise InputError(f"--out {out}: is the trajectory itself, which the prediction would overwrite")
-    prediction = run(model, trajectory)
+    if truth:
+        from learning.surrogates import corrected_rollout
+
+        prediction = corrected_rollout(model, *truth, options.correct)[0]
+    else:
+        prediction = run(model, trajectory)
     write_trajectory(out, prediction)
     error = rmse(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
     _say(options, f"{len(prediction.displacement) - 1} steps, RMSE over all of them {1e3 * error:.3f} mm: {out}")
@@ -227,7 +235,8 @@ def evaluate(options: Options) -> dict[str, Any]:
     from learning.evaluate import evaluate as run
 
     out = _writable(options.out or Path(options.run) / "report")
-    return run(options.run, files(options.data, options.split), out, say=lambda text: _say(options, text))
+    return run(options.run, files(options.data, options.split), out, correct=options.correct, refined=options.refined,
+               say=lambda text: _say(options, text))
 
 
 def view(options: Options) -> dict[str, Any]:
@@ -358,13 +367,17 @@ def _parser() -> argparse.ArgumentParser:
     add("--out", required=True, help="folder of the run")
     add("--steps", type=_positive, help="stop after this training step")
     add("--resume", action="store_true", help="go on from the run's last checkpoint")
-    verb("rollout", rollout, "run", "trajectory").add_argument("--out", required=True, help="trajectory, .vtkhdf")
+    add = verb("rollout", rollout, "run", "trajectory").add_argument
+    add("--out", required=True, help="trajectory, .vtkhdf")
+    add("--correct", type=_positive, metavar="K", help="follow each predicted frame by K Newton steps, and go on from there")
     add = verb("verify", verify, "prediction").add_argument
     add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
     add("--out", help="folder for the figures and a picture of the worst frame")
     add = verb("evaluate", evaluate, "run").add_argument
     add("--data", required=True, help="folder of a data set")
     add("--split", default="test")
+    add("--correct", type=_positive, default=1, metavar="K", help="Newton steps after each frame of the corrected rollout (1)")
+    add("--refined", type=_count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
     add("--out", help="folder of the report (RUN/report)")
     verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
@@ -374,6 +387,12 @@ def _parser() -> argparse.ArgumentParser:
 def _seed(text: str) -> int:
     if not text.isdigit() or int(text) >= 2**63:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 2^63 - 1")
+    return int(text)
+
+
+def _count(text: str) -> int:
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
     return int(text)
 
 

@@ -113,21 +113,38 @@ def mesh_error(trajectory: Trajectory) -> dict[str, float]:
         RuntimeError: one of the two solutions failed
     """
     scene = read_scene(tomllib.loads(trajectory.scene))
-    every = next(k for k in range(max(1, scene.steps.count // FRAMES), scene.steps.count + 1) if scene.steps.count % k == 0)
+    every = _every(scene)
     body = trajectory.body
     mine = trajectory.displacement[::every, body].astype(np.float64)  # (F, N, 3)
     free = trajectory.free[body]
     again, seconds = _solved(scene, every, trajectory.points[body], 1)
-    finer, seconds = _solved(scene, every, trajectory.points[body], 2)
-    off = np.linalg.norm(finer - mine, axis=2)[1:, free]
+    _, fine, seconds = finer(scene, trajectory.points[body])
+    off = np.linalg.norm(fine - mine, axis=2)[1:, free]
     rms = float(np.sqrt((off**2).mean()))
     return {"mesh_rmse": rms, "mesh_largest": float(off.max()), "mesh_relative": rms / _rms(mine[1:, free]),
             "solver_largest": float(np.linalg.norm(again - mine, axis=2).max()), "seconds": seconds}
 
 
-def _solved(scene: Scene, every: int, points: NDArray[np.float64], finer: int) -> tuple[NDArray[np.float64], float]:
+def finer(scene: Scene, points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64], float]:
+    """A scene on cells of half the size: every how manyth frame is solved, displacements (F, N, 3) at points (N, 3), and seconds.
+
+    Raises:
+        RuntimeError: the solution failed, or the body's mesh comes from a file and cannot be refined
+    """
+    if scene.body.shape == "file":
+        raise RuntimeError("its mesh comes from a file and cannot be refined")
+    every = _every(scene)
+    return every, *_solved(scene, every, points, 2)
+
+
+def _every(scene: Scene) -> int:
+    """The number of steps taken as one, which divides all of them and leaves about FRAMES."""
+    return next(k for k in range(max(1, scene.steps.count // FRAMES), scene.steps.count + 1) if scene.steps.count % k == 0)
+
+
+def _solved(scene: Scene, every: int, points: NDArray[np.float64], times: int) -> tuple[NDArray[np.float64], float]:
     """Displacements (F, N, 3) at points (N, 3) of a scene in fewer steps, on so many times the cells each way, and seconds."""
-    nx, ny, nz = (finer * n for n in scene.body.divisions)
+    nx, ny, nz = (times * n for n in scene.body.divisions)
     body = dataclasses.replace(scene.body, cells=(nx, ny, nz), cell_size=None)
     release()
     solution = solve(dataclasses.replace(scene, body=body, steps=Steps(count=scene.steps.count // every)))

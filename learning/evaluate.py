@@ -1,8 +1,8 @@
-"""Rollouts held against finite elements and beside their rivals, gathered in one report.
+"""Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report.
 
-On each test trajectory: the network, "nothing moves", "keep the last velocity", finite elements on coarser meshes, and the
-finite-element solver that made the truth, solved again here for its time. Every prediction goes through the same
-physics.verify, on the same nodes. What is written: see report.py; what the rivals are: see rivals.py.
+On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser
+meshes, and the solver that made the truth, run again here for its time. What is written: report.py; the rivals: rivals.py;
+how they are measured: measure.py. All rivals at once, timed with repeats: compare.py.
 """
 
 from __future__ import annotations
@@ -10,232 +10,139 @@ from __future__ import annotations
 import datetime
 import os
 import platform
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from datagen.generate import commit, versions
 from datagen.prediction import read_truth
-from datagen.trajectory import Trajectory
 from learning.checkpoint import Model, load_model, read_state
+from learning.measure import Measurement, measure
+from learning.predictor import Case, Predictor
 from learning.report import write_report
-from learning.rivals import coarser, interpolate, keep_velocity, nothing_moves
-from learning.rollout import predict_step, rollout
-from learning.table import Report, Row
-from physics.equilibrium import solve
-from physics.fem import release
-from physics.mesh import Mesh
+from learning.rivals import REFERENCE, coarser, elements, follow, trivial
+from learning.seen import Seen, outside, read_seen
+from learning.surrogates import corrected, learned
+from learning.table import Report, Row, best_learned
 from physics.scene import Scene
 from physics.schema import InputError
-from physics.verify import Checker, Fidelity, as_table, verify
 from physics.view import Obstacle, frame_picture
 
-Floats = NDArray[np.floating[Any]]
-RUNGS = {"FE, cells halved": 1, "FE, cells halved twice": 2}
-REFERENCE = "FE, the reference"
-HYBRID = "M4GN, 1 Newton step"
+WORST = 5  # pictures
+SAMPLE = 25  # frames of a trajectory at which the equations are checked
 
 
-class LeftOut(Exception):
-    """A predictor that cannot be measured on a trajectory; the message completes "because in this trajectory ..."."""
-
-
-@dataclass(frozen=True)
-class _Case:
-    """A test trajectory with its scene and the mesh that the scene builds."""
-
-    name: str
-    trajectory: Trajectory
-    scene: Scene
-    mesh: Mesh
-
-    @property
-    def truth(self) -> NDArray[np.float32]:
-        """(T, N, 3) displacement of the body."""
-        return self.trajectory.displacement[:, self.trajectory.body]
-
-    @property
-    def free(self) -> NDArray[np.bool_]:
-        """(N,) True on the body's nodes that are not held."""
-        return self.trajectory.free[self.trajectory.body]
-
-    @property
-    def steps(self) -> int:
-        return len(self.trajectory.displacement) - 1
-
-
-@dataclass
-class _Measured:
-    """What one predictor did on the trajectories so far."""
-
-    kind: str
-    ms: list[float] = field(default_factory=list)
-    found: list[Fidelity] = field(default_factory=list)
-
-    def row(self, name: str) -> Row:
-        """Means over trajectories; of extremes the extreme. The step of the largest error has neither."""
-        each = [as_table(fidelity) for fidelity in self.found]
-        if self.kind in ("fe", "reference", "hybrid"):  # starts no step from a given state
-            each = [{**table, "rmse_1": np.nan, "rmse_1_pooled": np.nan} for table in each]
-        gather = {"largest_penetration": max, "smallest_det_f": min, "inverted_elements": max}
-        scores = {key: float(gather.get(key, np.mean)([table[key] for table in each]))
-                  for key in each[0] if key != "worst_step"}
-        each = [{**table, "ms_per_step": ms} for table, ms in zip(each, self.ms, strict=True)]
-        return Row(name, self.kind, float(np.mean(self.ms)), scores, tuple(each))
-
-
-def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, sample: int = 25,
+def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, correct: int = 1, refined: int = 1,
              say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Roll a trained network out over test trajectories and write the report folder.
 
     Args:
         run: folder of a training
-        files: trajectories of finite elements, complete ones, with their scenes in them
-        sample: the equations are checked at about this many frames of each trajectory
-        say: takes the lines of the summary
+        files: test trajectories, each with its scene in it
+        out: report folder
+        correct: Newton steps after each frame of the corrected rollout
+        refined: how many of the test scenes are solved on finer cells as well
+        say: takes a line of what comes out
 
     Returns:
-        what stands in report.json, and "report", the folder
+        the content of report.json and "report", the folder
 
     Raises:
-        InputError: no run or trajectory there, or one that cannot serve as the truth
-        FloatingPointError: a rollout that is not finite
+        InputError: no whole checkpoint, no files, a file without a scene, a mesh that is not the one its scene builds
     """
     if not files:
-        raise InputError("no trajectories to evaluate")
-    out, model = Path(out), load_model(run)
-    last = Path(run) / "last.safetensors"
-    about = read_state(last if last.exists() else Path(run) / "model.safetensors").about
-    cases = [_Case(Path(file).stem, *read_truth(file)) for file in files]
-    out.mkdir(parents=True, exist_ok=True)
-    measured: dict[str, _Measured] = {}
-    pictures: list[tuple[str, str]] = []
-    notes: list[str] = []
-    again = 0.0
+        raise InputError("no trajectories to evaluate on")
+    model = load_model(run)
+    cases = load_cases(files)
+    predictors = [learned(model), corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
+                  elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
+    return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
+                     refined=refined, say=say)
+
+
+def load_cases(files: Sequence[str | Path]) -> list[Case]:
+    """The trajectories that predictions can be held against, named by their files. Raises `InputError`."""
+    return [Case(Path(file).stem, *read_truth(file)) for file in files]
+
+
+def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model],
+              refined: int, repeats: int = 1, say: Callable[[str], None] | None = None) -> dict[str, Any]:
+    """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder."""
+    known = {run: read_seen(run) for run in runs}
     _warm_up(cases[0].scene)
-
-    with tqdm(total=len(cases) * (5 + len(RUNGS)), desc="evaluate", disable=None, unit="rollout") as bar:
-        for case in cases:
-            for name, kind, predict in _predictors(model, case):
-                bar.update()
-                try:
-                    path, one_step, ms = predict()
-                except LeftOut as reason:
-                    notes.append(f"{name} is left out, because in {case.name} {reason}.")
-                    continue
-                if kind == "reference":  # what counts is the file, which was solved again for its time
-                    again = max(again, float(abs(path - case.truth).max()))
-                    path = case.truth
-                fidelity = verify(path, case.truth, scene=case.scene, mesh=case.mesh, free=case.free, one_step=one_step,
-                                  sample=sample)
-                if kind == "learned":
-                    pictures.append(_picture(out, case, path, fidelity.worst_step))
-                entry = measured.setdefault(name, _Measured(kind))
-                entry.ms.append(ms)
-                entry.found.append(fidelity)
-            release()
-
-    rows = [entry.row(name) for name, entry in measured.items() if len(entry.found) == len(cases)]
-    report = Report(title="A learned simulator held against finite elements", rows=rows, cases=[case.name for case in cases],
-                    pictures=pictures, facts=_facts(model, about, Path(run), cases, sample, again), notes=_limits(rows) + notes)
+    chosen = np.unique(np.linspace(0, len(cases) - 1, min(refined, len(cases))).round().astype(int)).tolist() if refined else []
+    with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
+        found = measure(predictors, cases, sample=SAMPLE, refined=chosen, repeats=repeats, on_done=bar.update)
+    out.mkdir(parents=True, exist_ok=True)
+    spans = [span for span in known.values() if span is not None]
+    report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
+                    outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
+                    facts=_facts(runs, cases, found, repeats), notes=_limits(cases, found, runs, spans))
     content = write_report(out, report)
     if say is not None:
-        for line in (*_summary(rows), content["summary"], f"report: {out / 'report.html'}"):
+        for line in (*summary(found.rows), content["summary"], f"report: {out / 'report.html'}"):
             say(line)
     return {**content, "report": str(out)}
+
+
+def summary(rows: Sequence[Row]) -> list[str]:
+    """The table's first columns for a terminal."""
+    lines = [f"{'':36s} {'ms/step':>9s} {'RMSE-1':>9s} {'RMSE-50':>9s} {'RMSE-all':>9s} {'to finer':>9s}  [mm, free nodes]"]
+    for row in rows:
+        errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmse_1", "rmse_50", "rmse_all", "rmse_refined"))
+        lines.append(f"{row.name:36s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
+    return lines
 
 
 def _warm_up(scene: Scene) -> None:
     """Solve something small once, so that no time of below contains the loading of compiled forms."""
     while (smaller := coarser(scene)) is not None:
         scene = smaller
-    solve(scene)
+    follow(scene)
 
 
-def _predictors(model: Model, case: _Case) -> list[tuple[str, str, Callable[[], tuple[Any, Any, float]]]]:
-    """Name, kind and a function for each predictor, which gives its path (T, N, 3), its single steps (T - 1, N, 3) or None when
-    it takes none, and its time [ms/step]; or raises `LeftOut`."""
-
-    def learned() -> tuple[Any, Any, float]:
-        predicted = rollout(model, case.trajectory)
-        body = case.trajectory.body
-        steps = predict_step(model, case.trajectory)[:, body]
-        return predicted.displacement[:, body], steps, 1e3 * predicted.extra["seconds_per_step"]
-
-    def hybrid() -> tuple[Any, Any, float]:
-        start = time.perf_counter()
-        checker, truth = Checker(case.scene, case.mesh), case.truth
-        set_up = time.perf_counter() - start
-
-        def correct(u: NDArray[np.float64], frame: int) -> NDArray[np.float64]:
-            at, held = frame / case.steps, ~case.free
-            return np.where(held[:, None], truth[frame], u + checker.correction(u, at))
-
-        try:
-            predicted = rollout(model, case.trajectory, correct=correct)
-        except FloatingPointError:
-            raise LeftOut("a Newton step led nowhere") from None
-        ms = 1e3 * (predicted.extra["seconds_per_step"] + set_up / case.steps)
-        return predicted.displacement[:, case.trajectory.body], None, ms
-
-    def trivial(rule: Callable[..., tuple[Floats, Floats]]) -> tuple[Any, Any, float]:
-        start = time.perf_counter()
-        path, steps = rule(case.truth, case.free)
-        return path, steps, 1e3 * (time.perf_counter() - start) / case.steps
-
-    def elements(halvings: int) -> tuple[Any, Any, float]:
-        scene: Scene | None = case.scene
-        for _ in range(halvings):
-            scene = coarser(scene) if scene is not None else None
-        if scene is None:
-            raise LeftOut("there are no cells left to halve")
-        solution = solve(scene)
-        if solution.failure:
-            raise LeftOut(f"there is {solution.failure}")
-        path = interpolate(solution.mesh, solution.displacement, case.mesh.points) if halvings else solution.displacement
-        return path, None, 1e3 * solution.seconds / case.steps
-
-    return [("M4GN", "learned", learned), (HYBRID, "hybrid", hybrid), ("nothing moves", "trivial", lambda: trivial(nothing_moves)),
-            ("keep the last velocity", "trivial", lambda: trivial(keep_velocity)),
-            *((name, "fe", lambda halvings=halvings: elements(halvings)) for name, halvings in RUNGS.items()),
-            (REFERENCE, "reference", lambda: elements(0))]
+def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
+    """Draw the worst frame of each of the worst trajectories of the best network: file names and captions."""
+    best = best_learned(found.rows)
+    frames = sorted((frame for frame in found.frames if best is not None and frame.predictor == best.name), key=lambda frame: -frame.error)
+    pictures = []
+    for frame in frames[:WORST]:
+        case, step, surface = frame.case, frame.step, frame.case.trajectory.obstacle
+        name = f"frame_{case.name}.png"
+        frame_picture(out / name, case.mesh, prediction=frame.displacement, truth=case.truth[step], step=step, steps=case.steps,
+                      obstacle=None if surface is None else Obstacle(*surface).at(step), names=(frame.predictor, "finite elements"))
+        pictures.append((name, f"Test trajectory {case.name}, RMSE-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
+                               "where the rollout is farthest from the truth. Left the prediction, coloured by its error, over the "
+                               "outline of the truth; right the truth."))
+    return pictures
 
 
-def _picture(out: Path, case: _Case, path: Floats, step: int) -> tuple[str, str]:
-    """Draw one frame of a rollout: the file's name and a caption."""
-    name = f"frame_{case.name}.png"
-    surface = case.trajectory.obstacle
-    obstacle = None if surface is None else Obstacle(*surface).at(step)
-    frame_picture(out / name, case.mesh, prediction=path[step], truth=case.truth[step], step=step, steps=case.steps,
-                  obstacle=obstacle, names=("M4GN", "finite elements"))
-    return name, (f"Test trajectory {case.name}, step {step} of {case.steps}, where the rollout is farthest from the "
-                  "truth. Left the "
-                  f"prediction, coloured by its error, over the outline of the truth; right the truth.")
-
-
-def _facts(model: Model, about: dict[str, Any], run: Path, cases: list[_Case], sample: int, again: float) -> dict[str, str]:
+def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, repeats: int) -> dict[str, str]:
     nodes = sorted({len(case.mesh.points) for case in cases})
     libraries = {"torch": torch.__version__, "pyvista": version("pyvista"), **versions()}
     threads = ", ".join(f"{name} {os.environ.get(name, 'not set')}" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"))
-    return {
+    timed = "each prediction timed once" if repeats == 1 else f"medians of {repeats} predictions, one for those of more than 10 s"
+    facts = {
         "test trajectories": f"{len(cases)}: {', '.join(case.name for case in cases)}; {_range(nodes)} nodes, "
                              f"{_range(sorted({case.steps for case in cases}))} steps; free nodes are those that neither a "
                              "support holds nor the obstacle is made of",
-        "gathering": "means over trajectories; of penetration, det F and inverted cells the worst",
-        "network": f"M4GN from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} "
-                   f"steps in {about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; "
-                   f"seed {model.config.seed}",
-        "truth": f"first-order {cases[0].mesh.cell}s, {cases[0].scene.material.law}; solved again here, it differs from the "
-                 f"files by {1e3 * again:.1e} mm at most (they hold 32-bit numbers)",
-        "equations": f"residual force at up to {sample} frames of each trajectory, everything else at all frames",
+        "gathering": "means over trajectories; of penetration, det F, scaled Jacobian and inverted cells the worst",
+        "timing": f"wall time in one process, one predictor after the other on each scene; {timed}",
+    }
+    for run, model in runs.items():
+        about = read_state(Path(run) / "model.safetensors").about
+        facts[f"network {Path(run).name}"] = (
+            f"M4GN from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
+            f"{about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
+    return facts | {
+        "truth": f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
+                 f"solved again here, it differs from the files by {1e3 * found.solved_again:.1e} mm at most (they hold 32-bit numbers)",
+        "equations": f"checked at up to {SAMPLE} frames of each trajectory, everything else at all frames",
         "machine": f"{_processor()}, {os.cpu_count()} cores; {platform.platform()}",
         "threads": f"PyTorch {torch.get_num_threads()}; {threads}; the FE solver runs in one process",
         "versions": ", ".join(f"{name} {number}" for name, number in libraries.items()),
@@ -244,36 +151,46 @@ def _facts(model: Model, about: dict[str, Any], run: Path, cases: list[_Case], s
     }
 
 
-def _limits(rows: list[Row]) -> list[str]:
-    notes = ["The truth has an error of its own, that of its mesh. An error below it means that the truth is imitated "
-             "well, not that "
-             "the body is known better."]
-    half = next((row for row in rows if row.name in RUNGS), None)
-    if half is not None:
-        notes[0] += (" For scale: finite elements with half the cells along each direction are "
-                     f"{1e3 * half.scores['rmse_all']:.3g} mm "
-                     f"away from it.")
-    return [*notes,
-            "The test scenes are drawn from the same ranges as the training scenes. Nothing here speaks of other scenes.",
-            "\"Keep the last velocity\" is shown the first two frames, no more. Before the obstacle touches nothing "
-            "moves, so over whole "
-            "rollouts it can equal \"nothing moves\"; its RMSE-1 starts from true states.",
-            "Finite elements on a coarser mesh are in equilibrium on their own mesh; carried over to the finer one they are "
-            "not, which is what their residual and penetration show.",
-            "The residual of a body that never moves is zero: it is in equilibrium, but the obstacle is inside of it. "
-            "Read residual and "
-            "penetration together.",
-            "Errors are lengths of vectors. Where others average over the three components as well, their figures are "
-            "smaller by the "
-            "square root of 3."]
+def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model], spans: Sequence[Seen]) -> list[str]:
+    notes = [
+        "The truth has an error of its own, that of its mesh. An error below it means that the truth is imitated well, not that "
+        "the body is known better.",
+        f"Materials: {_words(_material(case) for case in cases)}. Cells: {_words(case.mesh.cell for case in cases)}. Of other "
+        "materials and kinds of mesh nothing is said here.",
+        "\"Keep the last velocity\" is shown the first two frames and \"quadratic extrapolation\" the first three, no more. Before the "
+        "obstacle touches nothing moves, so over whole rollouts they can equal \"nothing moves\"; their RMSE-1 starts from true states.",
+        "Finite elements on a coarser mesh are in equilibrium on their own mesh; carried over to the finer one they are not, which is "
+        "what their residual and penetration show.",
+        "The residual of a body that never moves is zero: it is in equilibrium, but the obstacle is inside of it. Read residual and "
+        "penetration together.",
+        "Errors are lengths of vectors. Where others average over the three components as well, their figures are smaller by the "
+        "square root of 3."]
+    reference = next((row for row in found.rows if row.kind == "reference"), None)
+    if reference is not None and reference.scores.get("rmse_refined", np.nan) > 0:
+        own = reference.scores["rmse_refined"]
+        count = sum(not np.isnan(each["rmse_refined"]) for each in reference.each)
+        notes[0] += (f" On {count} of the {len(cases)} scenes, solved again on cells of half the size, the data are {1e3 * own:.3g} mm off"
+                     f" (and the finer solution by about a third of that, if errors fall with the square of the cells' size).")
+        for row in found.rows:
+            if row.kind in ("learned", "hybrid"):
+                notes[0] += (f" {row.name}: {1e3 * row.scores['rmse_refined']:.3g} mm from the finer solution; in "
+                             f"{100 * row.scores['below_data']:.0f} % of the frames closer to the data than these to it.")
+    if runs:
+        notes.append("The test scenes lie inside or outside of the ranges listed above. Each quantity is looked at by itself: a scene "
+                     "inside of all of them may still combine values as no training scene did." if spans else
+                     "The run does not say what it was trained on (no range.json), so how far outside the test scenes lie is not known.")
+    return [*notes, *found.notes]
 
 
-def _summary(rows: list[Row]) -> list[str]:
-    lines = [f"{'':24s} {'ms/step':>9s} {'RMSE-1':>9s} {'RMSE-50':>9s} {'RMSE-all':>9s}  [mm, free nodes]"]
-    for row in rows:
-        errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmse_1", "rmse_50", "rmse_all"))
-        lines.append(f"{row.name:24s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
-    return lines
+def _material(case: Case) -> str:
+    material = case.scene.material
+    return f"{material.law} (E = {material.young_modulus:.3g} Pa, nu = {material.poisson_ratio:.3g})"
+
+
+def _words(values: Any) -> str:
+    """Different values, at most four of them, with commas."""
+    different = sorted(set(values))
+    return ", ".join(different[:4]) + (f" and {len(different) - 4} more" if len(different) > 4 else "")
 
 
 def _range(values: list[int]) -> str:

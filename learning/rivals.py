@@ -1,23 +1,44 @@
-"""What a learned simulator has to beat: predictors that know nothing, and finite elements on a coarser mesh.
+"""What a learned simulator has to beat: predictors that know nothing, and the same finite elements made cheaper.
 
-Each predictor moves the free nodes and is given the motion of the held ones; obstacle nodes take no part. Lengths in [m].
+All of them move the free nodes and are given the motion of the held ones; obstacle nodes take no part. Lengths in [m].
+The predictors that know nothing are shown the first frames of the truth, as a simulator with a memory would be.
 Legend: T frames (the rest state first), N nodes of the body.
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from physics.mesh import Mesh
-from physics.scene import Scene
+from learning.predictor import Case, LeftOut, Prediction, Predictor
+from physics.equilibrium import Path
+from physics.mesh import Mesh, build_mesh
+from physics.newton import TOLERANCE, NoEquilibrium
+from physics.scene import Scene, Steps
+from physics.transfer import interpolate
 
 Floats = NDArray[np.floating[Any]]
-CANDIDATES, NEWTON_STEPS = 24, 6
+REFERENCE = "FE, the reference"
+
+
+def trivial() -> list[Predictor]:
+    """Nothing moves, keep the last velocity, keep the last acceleration."""
+    rules = {"nothing moves": nothing_moves, "keep the last velocity": keep_velocity, "quadratic extrapolation": keep_acceleration}
+
+    def predictor(name: str, rule: Callable[..., tuple[Floats, Floats]]) -> Predictor:
+        def predict(case: Case) -> Prediction:
+            start = time.perf_counter()
+            path, steps = rule(case.truth, case.free)
+            return Prediction(path=path, seconds=time.perf_counter() - start, one_step=steps)
+
+        return Predictor(name, "trivial", predict)
+
+    return [predictor(name, rule) for name, rule in rules.items()]
 
 
 def nothing_moves(truth: Floats, free: NDArray[np.bool_]) -> tuple[Floats, Floats]:
@@ -34,69 +55,83 @@ def keep_velocity(truth: Floats, free: NDArray[np.bool_]) -> tuple[Floats, Float
     The rollout is shown frames 0 and 1, and no other: u_t = u_1 + (t - 1) (u_1 - u_0). One step from frame t is
     u_t + (u_t - u_(t-1)), and from the rest state, which has no velocity, it is the rest state.
     """
+    return _continued(truth, free, 1)
+
+
+def keep_acceleration(truth: Floats, free: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """The parabola through the last three frames: (T, N, 3) rollout, shown frames 0, 1 and 2, and (T - 1, N, 3) single steps."""
+    return _continued(truth, free, 2)
+
+
+def _continued(truth: Floats, free: NDArray[np.bool_], order: int) -> tuple[Floats, Floats]:
+    """The polynomial of an order through the last frames, of a lower order while there are fewer."""
+    shares = [np.array([1.0]), np.array([-1.0, 2.0]), np.array([1.0, -3.0, 3.0])]  # of the last frames, the newest last
     path, steps = truth.copy(), truth[1:].copy()
-    first = truth[1:2, free] - truth[:1, free]
-    path[2:, free] = truth[1, free] + np.arange(1, len(truth) - 1, dtype=truth.dtype)[:, None, None] * first
-    steps[0, free] = truth[0, free]
-    steps[1:, free] = 2 * truth[1:-1, free] - truth[:-2, free]
+    for t in range(1, len(truth)):
+        share = shares[min(order, t - 1)]
+        if t > order:
+            path[t, free] = np.tensordot(share, path[t - len(share):t, free].astype(np.float64), 1)
+        steps[t - 1, free] = np.tensordot(share, truth[t - len(share):t, free].astype(np.float64), 1)
     return path, steps
+
+
+def elements(name: str, *, halvings: int = 0, fewer: int = 1, tolerance: float = TOLERANCE, law: str | None = None) -> Predictor:
+    """Finite elements, cheaper by some of: halved cells, so many times fewer steps, a looser tolerance, another law."""
+
+    def predict(case: Case) -> Prediction:
+        scene: Scene | None = case.scene
+        for _ in range(halvings):
+            scene = coarser(scene) if scene is not None else None
+        if scene is None:
+            raise LeftOut("there are no cells left to halve")
+        if law is not None:
+            if scene.material.law == law:
+                raise LeftOut(f"the material is {law} already")
+            scene = replace(scene, material=replace(scene.material, law=law))
+        count = max(1, round(case.steps / fewer))
+        mesh, path, set_up, seconds, iterations = follow(replace(scene, steps=Steps(count=count)), tolerance)
+        started = time.perf_counter()
+        if count != case.steps:
+            path = between(path, case.steps)
+        if halvings:
+            path = interpolate(mesh, path, case.mesh.points)
+        return Prediction(path=path, seconds=seconds + time.perf_counter() - started, set_up=set_up, iterations=iterations)
+
+    return Predictor(name, "reference" if name == REFERENCE else "fe", predict)
+
+
+def follow(scene: Scene, tolerance: float = TOLERANCE) -> tuple[Mesh, Floats, float, float, int]:
+    """The solver's path: its mesh, (T, N, 3), seconds of set-up and of stepping, and Newton steps. Raises `LeftOut`."""
+    started = time.perf_counter()
+    mesh = build_mesh(scene.body)
+    way = Path(scene, mesh)
+    way.newton.tolerance = tolerance
+    set_up = time.perf_counter() - started
+    u, iterations = [way.states[0].u], 0
+    for step in range(1, scene.steps.count + 1):
+        try:
+            state = way.advance(step / scene.steps.count)
+        except NoEquilibrium as error:
+            raise LeftOut(f"there is no equilibrium at step {step}: {error}") from None
+        u.append(state.u)
+        iterations += state.iterations
+    return mesh, np.array(u), set_up, time.perf_counter() - started - set_up, iterations
+
+
+def between(path: Floats, steps: int) -> Floats:
+    """(steps + 1, N, 3) the frames of a path (T, N, 3) of fewer steps, straight lines between them."""
+    at = np.linspace(0, len(path) - 1, steps + 1)
+    before = np.minimum(at.astype(int), len(path) - 2)
+    share = (at - before)[:, None, None]
+    return (1 - share) * path[before] + share * path[before + 1]
 
 
 def coarser(scene: Scene) -> Scene | None:
     """The scene with half the cells along each direction, rounded down, at least 2; None when nothing is left to halve."""
+    if scene.body.shape == "file":
+        return None
     nx, ny, nz = (min(n, max(2, n // 2)) for n in scene.body.divisions)
     divisions = (nx, ny, nz)
     if divisions == scene.body.divisions:
         return None
     return replace(scene, body=replace(scene.body, cells=divisions, cell_size=None))
-
-
-def interpolate(mesh: Mesh, displacement: Floats, points: Floats) -> Floats:
-    """(T, M, 3) displacements at other rest points (M, 3), by the shape functions of the cell that holds each of them.
-
-    The cell is sought among the CANDIDATES with the nearest centres, by Newton's iteration on the isoparametric map.
-    (vtkProbeFilter of VTK 9.7.2 takes some points on the faces of prisms from outside of a wrong prism.)
-    Raises ValueError when a point lies in no cell by more than 1e-6 of the cell's size.
-    """
-    extent = np.ptp(mesh.points[mesh.cells], axis=1).mean(axis=0)  # of a cell along x, y, z: distances count in cells
-    centres = cKDTree(mesh.points[mesh.cells].mean(axis=1) / extent)
-    near = centres.query(points / extent, min(CANDIDATES, len(mesh.cells)))[1].reshape(len(points), -1)  # (M, k)
-    corners = mesh.points[mesh.cells[near]]  # (M, k, n, 3)
-    at = np.full((*near.shape, 3), 0.25 if mesh.cell == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
-    for _ in range(NEWTON_STEPS):
-        values, gradients = _shapes(mesh.cell, at)
-        missing = points[:, None] - np.einsum("mkn,mknd->mkd", values, corners)
-        jacobian = np.einsum("mkne,mknd->mkde", gradients, corners)
-        at = at + np.linalg.solve(jacobian, missing[..., None])[..., 0]
-    values, _ = _shapes(mesh.cell, at)
-    astray = np.linalg.norm(points[:, None] - np.einsum("mkn,mknd->mkd", values, corners), axis=-1)
-    outside = np.maximum(-values.min(axis=-1), 0) + astray / np.ptp(corners, axis=2).max(axis=-1)  # (M, k)
-    best = np.argmin(outside, axis=1)[:, None]
-    if (lost := int((np.take_along_axis(outside, best, 1) > 1e-6).sum())):
-        raise ValueError(f"{lost} of {len(points)} points lie outside of the mesh to interpolate from")
-    nodes = mesh.cells[np.take_along_axis(near, best, 1)[:, 0]]  # (M, n)
-    weights = np.take_along_axis(values, best[..., None], 1)[:, 0]  # (M, n)
-    return np.einsum("mn,tmnd->tmd", weights, displacement[:, nodes])
-
-
-def _shapes(cell: str, at: Floats) -> tuple[Floats, Floats]:
-    """(..., n) shape functions and (..., n, 3) their gradients at places (..., 3) in a cell's coordinates, each 0 .. 1.
-
-    All are products of the linear functions of a line, a triangle or a tetrahedron; one of them is negative outside.
-    """
-    parts = {"tetrahedron": ((0, 1, 2),), "prism": ((0, 1), (2,)), "hexahedron": ((0,), (1,), (2,))}[cell]
-    values, gradients = np.ones((*at.shape[:-1], 1)), np.zeros((*at.shape[:-1], 1, 3))
-    for axes in parts:
-        own = at[..., axes]
-        value = np.concatenate([1 - own.sum(axis=-1, keepdims=True), own], axis=-1)  # (..., q)
-        slope = np.zeros((len(axes) + 1, 3))
-        slope[0, axes] = -1
-        slope[np.arange(1, len(axes) + 1), axes] = 1
-        # The later factor varies slowest.
-        gradients = (value[..., :, None, None] * gradients[..., None, :, :] + slope[:, None, :] * values[..., None, :, None])
-        values = value[..., :, None] * values[..., None, :]
-        values, gradients = values.reshape(*at.shape[:-1], -1), gradients.reshape(*at.shape[:-1], -1, 3)
-    if cell == "hexahedron":
-        around = [0, 1, 3, 2, 4, 5, 7, 6]  # from rows to the order around the square
-        return values[..., around], gradients[..., around, :]
-    return values, gradients

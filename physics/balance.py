@@ -41,7 +41,7 @@ class Balance:
         self.scene, self.mesh, self.size = scene, mesh, cell_size(mesh)
         self.fixed, self.target = held(scene, mesh), prescribed(scene, mesh)
         self.bearing = np.flatnonzero(self.target.any(axis=1) if self.target.any() else self.fixed.any(axis=1))
-        self.elasticity = Elasticity(mesh, scene.material, self.fixed)
+        self.elasticity = Elasticity(mesh, scene.material, self.fixed, scene.body.element)
         self.load = traction_load(scene, mesh)
         for load in scene.load:
             if load.acceleration is not None:

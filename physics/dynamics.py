@@ -2,7 +2,7 @@
 
 One step of length h leads from displacement u0 and velocity v0 to u1 and v1:
 
-    M (v1 - v0) / h + f' = b' + sum_q p_q n_q(u1)        f' = integral over 0 <= s <= 1 of f(u0 + s (u1 - u0))
+    M (v1 - v0) / h + f' = b' + sum_q p_q n'_q            f' = integral over 0 <= s <= 1 of f(u0 + s (u1 - u0))
     (u1 - u0) / h = (v0 + v1) / 2                        b' the mean load of the step
 
 f' is the average vector field (Quispel and McLaren, J. Phys. A 41, 2008, 045206): its work f'.(u1 - u0) is the change of the
@@ -11,12 +11,7 @@ constant loads stays what it is, but for the error of Gauss's rule with two poin
 of degree four in u, which linear and Saint-Venant-Kirchhoff are) and the tolerance of the solver. For small motion it is the
 trapezoidal rule: second order, a period T comes out longer by the factor 1 + (2 pi h / T)^2 / 12, nothing is damped.
 
-Contact holds at the end of a step: p >= 0, g(u1) + c p >= 0, complementary. It takes p (g(u0) - g(u1)) >= 0 of energy when it
-begins and none while it lasts, but would leave the surface swinging from step to step. So the impulses of the step are then
-found anew for the points that bear, as those of a perfectly plastic impact of their nodes (Moreau): pi >= 0, with the gap's rate
-r >= 0 and pi r = 0. With v1 = v + M^-1 sum_q (pi_q + d_q) n_q, d = h p - pi, that changes the kinetic energy, seen from the
-obstacle, by -h p.r - |sum_q d_q n_q|^2 / 2M <= 0. Contact never makes energy (up to the c p^2 / 2 of its softness); what it takes
-is that of the normal motion of one layer of nodes, less the finer the mesh.
+How contact is kept from making energy stands in impact.py. The reaction of a step is its impulse over h.
 
 M is lumped: the rows of the consistent mass matrix summed, one mass for each node. It has the body's mass and weight.
 
@@ -35,9 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.balance import Balance
-from physics.contact import solve_complementarity
 from physics.elasticity import Elasticity
 from physics.equilibrium import HALVINGS, cells_said, contact_said, extrapolate
+from physics.impact import Sweeping, bear
 from physics.journal import Arrays
 from physics.mesh import Mesh
 from physics.newton import TOLERANCE, Newton, NoEquilibrium, State
@@ -56,10 +51,11 @@ class Moving(Elasticity):
     def __init__(self, body: Elasticity) -> None:
         self.__dict__.update(body.__dict__)
         self._matrix = None
-        self._lame = tuple(constant / 2 for constant in body._lame)  # all laws are linear in these: half the stiffness
+        first, second = body._lame
+        self._lame = first / 2, second / 2  # all laws are linear in these: half the stiffness
         self.body = body
-        self.mass = body.weight(np.ones(3))[:, :1]  # (N, 1) [kg]
-        self.mass_of_cell = (self.mass.ravel() / np.bincount(self.cells.ravel(), minlength=len(self.mass)))[self.cells]  # (C, n)
+        self.node_mass = body.weight(np.ones(3))[:, :1]  # (N, 1) [kg]
+        self._share = (self.node_mass.ravel() / np.bincount(self.cells.ravel()))[self.cells]  # (C, n)
         self.start = self.velocity = self.outer = np.zeros_like(body.mesh.points)
         self.h = 0.0
 
@@ -71,12 +67,12 @@ class Moving(Elasticity):
         """What is missing to the balance of the step that ends at u (N, 3), contact left out [N]."""
         way = u - self.start
         inner = (self.body.force(self.start + GAUSS[0] * way) + self.body.force(self.start + GAUSS[1] * way)) / 2
-        return inner - self.outer + self.mass * (2 / self.h**2 * (way - self.h * self.velocity))
+        return inner - self.outer + self.node_mass * (2 / self.h**2 * (way - self.h * self.velocity))
 
     def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
         super().add_stiffness(u, slot, out)
         first, second = np.triu_indices(3 * self.cells.shape[1])
-        np.add.at(out, slot[:, first == second], np.repeat(2 / self.h**2 * self.mass_of_cell, 3, axis=1))
+        np.add.at(out, slot[:, first == second], np.repeat(2 / self.h**2 * self._share, 3, axis=1))
 
 
 class Motion:
@@ -96,6 +92,7 @@ class Motion:
         self.balance = copy.copy(rest)
         self.balance.elasticity = self.moving = Moving(rest.elasticity)
         self.balance.load = np.zeros_like(rest.load)  # the loads are among the forces of the step
+        self.balance.contact = None if rest.contact is None else Sweeping(rest.contact)
         self.newton = Newton(self.balance)
         points = 0 if rest.contact is None else len(rest.contact.surface.area)
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(points))]
@@ -117,8 +114,10 @@ class Motion:
         if abs(h - self._factored_h) > 1e-6 * h:  # equal steps differ by rounding
             self.newton.outdate()
             self._factored_h = h
+        if isinstance(self.balance.contact, Sweeping):
+            self.balance.contact.begin(last.u, self.balance.contact.obstacle.position(last.fraction))
         self.moving.begin(last.u, self.velocity, self.sudden + (last.fraction + fraction) / 2 * self.growing, h)
-        momentum = float(np.linalg.norm(self.moving.mass * self.velocity))
+        momentum = float(np.linalg.norm(self.moving.node_mass * self.velocity))
         self.balance.floor = max(self._floor, TOLERANCE * max(self._largest, momentum / (STOP * h)))
         try:
             state = self.newton.equilibrium(fraction, self._predict(fraction), last)
@@ -129,9 +128,10 @@ class Motion:
             self.advance((last.fraction + fraction) / 2, depth + 1)
             return self.advance(fraction, depth + 1)
         velocity = 2 / h * (state.u - last.u) - self.velocity
-        inertia = np.linalg.norm(self.moving.mass * (velocity - self.velocity)) / h
+        inertia = np.linalg.norm(self.moving.node_mass * (velocity - self.velocity)) / h
         self._largest = max(self._largest, float(inertia), float(np.linalg.norm(state.reaction)))
-        self.velocity = np.where(self.fixed, self.pull, self._borne(last.fraction, state, velocity, h))
+        state, velocity = self._borne(last.fraction, state, velocity, h)
+        self.velocity = np.where(self.fixed, self.pull, velocity)
         return self._append(state)
 
     def _too_far(self, start: float, end: float, h: float) -> bool:
@@ -154,26 +154,16 @@ class Motion:
             u = extrapolate(self.states[-1 - self.order:], fraction)
         return np.where(self.fixed, fraction * self.balance.target, u)
 
-    def _borne(self, before: float, state: State, velocity: Floats, h: float) -> Floats:
-        """Velocities (N, 3) [m/s] after an impact in which the points that bear lose their motion towards the obstacle or from it."""
-        contact, bearing = self.balance.contact, np.flatnonzero(state.pressure > 0)
-        if contact is None or not len(bearing):
-            return velocity
+    def _borne(self, before: float, state: State, velocity: Floats, h: float) -> tuple[State, Floats]:
+        """The state and its velocities (N, 3) [m/s] once the points that bear have been stopped (impact.py)."""
+        contact = self.balance.contact
+        if contact is None or not state.pressure.any():
+            return state, velocity
         centre = contact.obstacle.position(state.fraction)
-        towards = (centre - contact.obstacle.position(before)) / h  # (3,) [m/s] velocity of the obstacle
-        weights = contact.surface.weights[bearing]
-        nodes = np.unique(weights.indices)
-        weights = weights[:, nodes].toarray()  # (q, n)
-        normal = contact.obstacle.gap(weights @ (self.balance.mesh.points + state.u)[nodes], centre)[1]
-        gradient = (weights[:, :, None] * normal[:, None, :]).reshape(len(bearing), -1)  # (q, 3 n)
-        mobile = np.where(self.fixed[nodes], 0.0, 1 / self.moving.mass[nodes]).ravel()  # (3 n,) [1/kg]
-        matrix = gradient * mobile @ gradient.T + np.diag(2 / h**2 * contact.softness[bearing])
-        loose = velocity[nodes].ravel() - mobile * (gradient.T @ (h * state.pressure[bearing]))
-        rate = gradient @ loose - normal @ towards
-        impulse = solve_complementarity(matrix, rate, np.ones(len(bearing), bool))
-        borne = velocity.copy()
-        borne[nodes] = (loose + mobile * (gradient.T @ impulse)).reshape(-1, 3)
-        return borne
+        towards = (centre - contact.obstacle.position(before)) / h
+        velocity, force = bear(contact, state.u, velocity, pressure=state.pressure, centre=centre, towards=towards,
+                               mobile=np.where(self.fixed, 0.0, 1 / self.moving.node_mass), h=h)
+        return replace(state, reaction=state.reaction - force), velocity
 
     def _append(self, state: State) -> State:
         errors = [np.linalg.norm(extrapolate(self.states[-1 - order:], state.fraction) - state.u)
@@ -185,7 +175,7 @@ class Motion:
     @property
     def kinetic_energy(self) -> float:
         """[J]"""
-        return float((self.moving.mass * self.velocity**2).sum()) / 2
+        return float((self.moving.node_mass * self.velocity**2).sum()) / 2
 
     def model(self) -> dict[str, str]:
         """What is modelled, and why, in words."""

@@ -65,10 +65,7 @@ class Elasticity:
         values = self._matrix.values
         values[:] = 0.0
         self.add_stiffness(u, self._matrix.slot, values)
-        values[self._matrix.upper] = values[self._matrix.lower]
-        values[self._matrix.held] = 1.0
-        self._matrix.petsc.assemble()
-        return self._matrix.petsc
+        return self._matrix.complete()
 
     def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
         """Add the entries of each cell's tangent stiffness to out[slot], slot (C, d (d + 1) / 2), d = 3 n, of `pairs`."""
@@ -100,6 +97,14 @@ class Elasticity:
         mass.mult(right, left)
         mass.destroy()
         return self.space.from_dofs(left.array)
+
+
+def small_strain_stiffness(space: fem.Space, mesh: Mesh, material: Material, element: str) -> PETSc.Mat:
+    """Stiffness by Hooke's law in a space's order, no component held; the caller destroys it. For one process."""
+    matrix = _Matrix(space, mesh, np.zeros(mesh.points.shape, bool))
+    kernel = Kernel("linear", mesh.cells, samples(mesh, element))
+    kernel.add_stiffness(np.zeros(mesh.points.shape), lame(material), matrix.slot, matrix.values)
+    return matrix.complete().copy()
 
 
 class _Matrix:
@@ -137,3 +142,10 @@ class _Matrix:
         self.slot = np.ascontiguousarray(of_cell[:, *np.triu_indices(3 * n)], np.int32)
         self.values = np.zeros(len(indices) + 1)
         self.petsc = PETSc.Mat().createAIJWithArrays(3 * nodes, (indptr, indices, self.values[:-1]), bsize=3, comm=PETSc.COMM_SELF)
+
+    def complete(self) -> PETSc.Mat:
+        """The matrix, once everything is added to its lower half."""
+        self.values[self.upper] = self.values[self.lower]
+        self.values[self.held] = 1.0
+        self.petsc.assemble()
+        return self.petsc

@@ -166,7 +166,8 @@ class Path:
 
 def cells_said(scene: Scene) -> str:
     """What a body is meshed with, in words."""
-    return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of first order"
+    element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
+    return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of first order{element}"
 
 
 def contact_said(scene: Scene) -> str:

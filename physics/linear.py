@@ -105,7 +105,7 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, st
     """
     if scene.material.law == "linear":
         other = replace(scene.material, law="saint-venant-kirchhoff")  # the law of finite strain that is linear in its strain
-        return Linear(Newton(finite), Balance(replace(scene, material=other), mesh).elasticity, asked=True), ""
+        return Linear(Newton(finite), Elasticity(mesh, other, finite.fixed, scene.body.element), asked=True), ""
     fraction, depth = deepest(finite)
     extent = float(np.ptp(mesh.points, axis=0).max())
     loaded = finite.load.any() or finite.target.any()

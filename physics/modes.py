@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from physics import fem
 from physics.eigen import GOAL, Pairs, Problem, clusters, lowest_pairs
+from physics.elasticity import small_strain_stiffness
 from physics.material import lame
 from physics.mesh import PLURAL, Mesh, build_mesh, pieces
 from physics.scene import Scene
@@ -117,11 +118,12 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
     largest = np.take_along_axis(shapes.reshape(count, -1), abs(shapes).reshape(count, -1).argmax(axis=1)[:, None], axis=1)
     sign = np.where(largest < 0, -1.0, 1.0)  # (m, 1)
     still = np.zeros((3 - mesh.dimension,))
+    cells = f"{PLURAL[mesh.cell]} of order {scene.body.order}" + (", reduced element" if scene.body.element == "reduced" else "")
     return Modes(
         mesh=mesh, eigenvalues=pairs.values, shapes=shapes * sign[:, :, None] / np.sqrt(thickness), residuals=pairs.residuals,
         participation=np.pad(participation * sign, ((0, 0), (0, len(still)))) * np.sqrt(thickness),
         free_mass=np.concatenate([free_mass, still]) * thickness, dofs=dofs, rigid=pairs.zeros,
-        rigid_expected=problem.zeros, cells=f"{PLURAL[mesh.cell]} of order {scene.body.order}", solver=pairs.solver,
+        rigid_expected=problem.zeros, cells=cells, solver=pairs.solver,
         remarks=remarks(pairs, problem, mesh), seconds=time.perf_counter() - started)
 
 
@@ -133,10 +135,15 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
     lmbda, mu = lame(scene.material)
     if mesh.dimension == 2 and scene.body.plane == "stress":
         lmbda = 2 * mu * lmbda / (lmbda + 2 * mu)
-    first, second = space.constant(lmbda), space.constant(mu)
-    dx = ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
-    strain = ufl.sym(ufl.grad(v))
-    stiffness = fem.matrix((first * ufl.div(u) * ufl.div(v) + 2 * second * ufl.inner(ufl.sym(ufl.grad(u)), strain)) * dx)
+    if scene.body.element != "standard":
+        if space.comm.size > 1:
+            raise InputError(f"body.element = {scene.body.element!r}: for one process only; leave mpirun or the element out")
+        stiffness = small_strain_stiffness(space, mesh, scene.material, scene.body.element)
+    else:
+        first, second = space.constant(lmbda), space.constant(mu)
+        dx = ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
+        strain = ufl.sym(ufl.grad(v))
+        stiffness = fem.matrix((first * ufl.div(u) * ufl.div(v) + 2 * second * ufl.inner(ufl.sym(ufl.grad(u)), strain)) * dx)
     mass = fem.mass_matrix(space, scene.material.density, stiffness)
 
     free = np.ones((space.owned, mesh.dimension), bool)

@@ -27,6 +27,7 @@ TOLERANCE = 1e-6  # residual force over reaction
 NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
 REACH = 2.0  # and up to this many cell sizes away they are looked at
 ITERATIONS = 12  # Newton steps before a state is given up
+TURNED = 0.035  # of the body's smallest extent that a node may move before the factor that corrects predictions is made anew
 REFACTOR_COST = 8  # a new factor costs about as much as this many Newton steps with the old one
 
 
@@ -63,10 +64,11 @@ class Newton:
 
     Attributes:
         factor: the kept one; factorisations: how many there were
+        tolerance: of the residual force, over the reaction
     """
 
-    def __init__(self, balance: Balance) -> None:
-        self.balance = balance
+    def __init__(self, balance: Balance, *, tolerance: float = TOLERANCE) -> None:
+        self.balance, self.tolerance = balance, tolerance
         self.factor: Factor = factor_for(balance.elasticity)
         self.factorisations = 0
         self._definite = self.factor
@@ -112,6 +114,33 @@ class Newton:
     def outdate(self) -> None:
         """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
         self._stale = True
+
+    def improve(self, fraction: float, start: Floats, last: State, *, count: int) -> State:
+        """At most `count` Newton steps from a start (N, 3), contact included; fewer when they reach an equilibrium.
+
+        The factor is that of an earlier state, kept until some node has moved by TURNED of the body's smallest extent h: where
+        the end of a slender body has moved by d across it, a step along its soft directions is off by a share of the order of
+        10 (d/h)^2, because the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3).
+
+        Raises:
+            NoEquilibrium: the stiffness cannot be factored, or offers contact no resistance
+        """
+        balance, outer, state = self.balance, fraction * self.balance.load, last
+        limit = TURNED * float(np.ptp(balance.mesh.points, axis=0).min())
+        if self._stale or np.sqrt(((last.u - self._factored_at) ** 2).sum(axis=1).max()) > limit:
+            self._refactor(last.u)  # an equilibrium, or nearly one; a bad guess may be anything
+        u, pressure = start, last.pressure
+        touch = self._touch(fraction, u, pressure)
+        force = balance.elasticity.force(u) - outer
+        for iteration in range(1, count + 1):
+            u = u + self._step(force, touch)
+            force = balance.elasticity.force(u) - outer
+            pressure = last.pressure if touch is None else self._on_surface(touch, last.pressure)
+            touch = self._touch(fraction, u, pressure)
+            state = self._judge(fraction, u, force, touch, pressure, iteration)
+            if max(state.residual / self.tolerance, state.gap_error / (GAP_TOLERANCE * balance.size)) <= 1:
+                break
+        return state
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """All that the next equilibrium depends on besides its start: what `recall` takes."""
@@ -165,7 +194,7 @@ class Newton:
             pressure = last.pressure if touch is None else self._on_surface(touch, last.pressure)
             touch = self._touch(fraction, u, pressure)
             state = self._judge(fraction, u, force, touch, pressure, iteration)
-            error = max(state.residual / TOLERANCE, state.gap_error / (GAP_TOLERANCE * balance.size))
+            error = max(state.residual / self.tolerance, state.gap_error / (GAP_TOLERANCE * balance.size))
             if error <= 1:
                 self._check_stable(touch)
                 return state

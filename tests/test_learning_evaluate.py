@@ -13,18 +13,17 @@ import pytest
 from datagen.generate import trajectory_of
 from datagen.trajectory import write_trajectory
 from learning.config import TrainConfig
-from learning.evaluate import HYBRID, REFERENCE, RUNGS, _Measured, evaluate
+from learning.evaluate import evaluate
 from learning.m4gn import M4GNConfig
-from learning.pareto import front
+from learning.measure import _row
+from learning.pareto import front, measure_of
+from learning.predictor import Predictor
 from learning.report import write_report
-from learning.rivals import coarser, interpolate, keep_velocity, nothing_moves
-from learning.table import COLUMNS, Report, Row, cells, headline, improvement, shown
+from learning.rivals import REFERENCE, between, coarser, keep_acceleration, keep_velocity, nothing_moves
+from learning.table import COLUMNS, TABLES, Report, Row, cells, headline, improvement, shown
 from learning.train import train
-from physics.mesh import Mesh, build_mesh
 from physics.quality import rmse
-from physics.scene import Body
 from physics.schema import InputError
-from physics.verify import Fidelity
 from tests.scenes import pressed
 
 FREE = np.array([True, True, False])
@@ -61,33 +60,20 @@ def test_nothing_moves_has_the_error_of_the_motion_itself():
     np.testing.assert_array_equal(steps[:, 2], truth[1:, 2])
 
 
-def beam(cell: str, cells: tuple[int, int, int]) -> Mesh:
-    return build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=cells, cell=cell))
+def test_a_parabola_is_continued_exactly_from_three_frames():
+    t = np.arange(7.0)[:, None, None]
+    truth = t * np.array([[1.0, 2, 3], [0, -1, 0.5], [0, 0, 0]]) + t**2 * np.array([[0.5, 0, 1], [2, 1, 0], [0, 0, 0]])
+    path, steps = keep_acceleration(truth, FREE)
+    np.testing.assert_allclose(path, truth, atol=1e-11)  # rounding grows with the square of the steps
+    np.testing.assert_allclose(steps[2:], truth[3:], atol=1e-12)
+    other = truth.copy()
+    other[3:, FREE] += 7
+    np.testing.assert_array_equal(keep_acceleration(other, FREE)[0][:, FREE], path[:, FREE])
 
 
-@pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
-def test_interpolation_is_exact_for_linear_fields_and_at_the_nodes(cell):
-    coarse, fine = beam(cell, (4, 2, 2)), beam(cell, (11, 5, 7))
-    inner = ((coarse.points > 1e-9) & (coarse.points < np.array([0.1, 0.02, 0.03]) - 1e-9)).all(axis=1)
-    rng = np.random.default_rng(0)
-    coarse.points[inner] += 0.002 * rng.uniform(-1, 1, (inner.sum(), 3))  # cells that are no parallelepipeds
-    gradient = rng.normal(size=(5, 3, 3))
-    linear = np.einsum("tij,nj->tni", gradient, coarse.points) + 1
-    expected = np.einsum("tij,nj->tni", gradient, fine.points) + 1
-    # Newton's iteration ends at rounding, in lengths of 1e-2 m and gradients of some units.
-    np.testing.assert_allclose(interpolate(coarse, linear, fine.points), expected, atol=1e-13)
-    anything = rng.normal(size=(2, *coarse.points.shape))  # would show a wrong cell, which linear fields do not
-    np.testing.assert_allclose(interpolate(coarse, anything, coarse.points), anything, atol=1e-12)
-    with pytest.raises(ValueError, match="1 of 2 points lie outside"):
-        interpolate(coarse, linear, np.array([[0.05, 0.01, 0.01], [0.05, 0.01, 0.031]]))
-
-
-def test_interpolation_within_a_prism_is_linear_along_it_and_across_it():
-    mesh = beam("prism", (1, 1, 1))
-    field = np.zeros((1, len(mesh.points), 3))
-    field[0, :, 0] = mesh.points[:, 0] * mesh.points[:, 1]  # in the span of the prism's shape functions
-    points = np.random.default_rng(1).uniform(0, 1, (50, 3)) * [0.1, 0.02, 0.03]
-    np.testing.assert_allclose(interpolate(mesh, field, points)[0, :, 0], points[:, 0] * points[:, 1], atol=1e-16)
+def test_frames_in_between_lie_on_straight_lines():
+    path = np.array([0.0, 2, 8])[:, None, None]
+    np.testing.assert_allclose(between(path, 4)[:, 0, 0], [0, 1, 2, 5, 8], atol=1e-15)
 
 
 def test_coarser_scenes_end():
@@ -102,26 +88,21 @@ def test_coarser_scenes_end():
     assert coarser(sized).body.divisions == (6, 2, 2)
 
 
-def fidelity(**values: float) -> Fidelity:
-    every = {name: 0.1 for name in Fidelity.__dataclass_fields__}
-    return Fidelity(**(every | {"inverted_elements": 0, "worst_step": 1} | values))
-
-
 def test_rows_hold_means_and_of_extremes_the_extreme():
-    found = [fidelity(rmse_all=1e-3, largest_penetration=1e-5, smallest_det_f=0.9),
-             fidelity(rmse_all=3e-3, largest_penetration=4e-5, smallest_det_f=0.4, inverted_elements=2)]
-    row = _Measured("learned", [1.0, 3.0], found).row("M4GN")
-    assert (row.ms_per_step, row.scores["rmse_all"], row.scores["rmse_1"]) == pytest.approx((2.0, 2e-3, 0.1))
-    extremes = [row.scores[key] for key in ("largest_penetration", "smallest_det_f", "inverted_elements")]
-    assert extremes == [4e-5, 0.4, 2]
-    assert [each["rmse_all"] for each in row.each] == [1e-3, 3e-3]
-    assert math.isnan(_Measured("fe", [1.0, 3.0], found).row("FE").scores["rmse_1"])
+    each = [{"rmse_all": 1e-3, "largest_penetration": 1e-5, "smallest_det_f": 0.9, "inverted_elements": 0.0, "rmse_refined": math.nan},
+            {"rmse_all": 3e-3, "largest_penetration": 4e-5, "smallest_det_f": 0.4, "inverted_elements": 2.0, "rmse_refined": 5e-3}]
+    row = _row(Predictor("M4GN", "learned", lambda case: None), each)
+    assert row.scores == pytest.approx({"rmse_all": 2e-3, "largest_penetration": 4e-5, "smallest_det_f": 0.4,
+                                        "inverted_elements": 2, "rmse_refined": 5e-3})
+    assert [table["rmse_all"] for table in row.each] == [1e-3, 3e-3]
+    assert math.isnan(_row(Predictor("FE", "fe", lambda case: None), [{"rmse_1": math.nan}]).scores["rmse_1"])
 
 
 def made_up() -> list[Row]:
     def row(name: str, kind: str, ms: float, error: float) -> Row:
-        scores = {key: error * (1.1 + i) for i, key in enumerate(COLUMNS)} | {"rmse_all": error}
-        return Row(name, kind, ms, scores, ({"rmse_all": 0.7 * error}, {"rmse_all": 1.3 * error}))
+        scores = {key: error * (1.1 + i) for i, key in enumerate(COLUMNS)} | {"rmse_all": error, "ms_per_step": ms}
+        scores |= {"rmse_refined": math.nan, "ms_per_step_alone": 0.8 * ms}
+        return Row(name, kind, scores, ({"rmse_all": 0.7 * error}, {"rmse_all": 1.3 * error}))
 
     return [row("M4GN", "learned", 5.0, 2e-4), row("nothing moves", "trivial", 0.01, 7e-3),
             row("slow <guess> | x", "trivial", 9.0, 5e-3),
@@ -131,7 +112,7 @@ def made_up() -> list[Row]:
 def test_the_front_keeps_what_nothing_beats():
     names = [row.name for row in front(made_up())]
     assert names == ["nothing moves", "FE, cells halved", "M4GN", "FE, the reference"]
-    slower = Row("late", "learned", 11.0, {"rmse_all": 1e-9})
+    slower = Row("late", "learned", {"rmse_all": 1e-9, "ms_per_step": 11.0})
     assert slower not in front([*made_up(), slower])  # the reference is faster and has no error
 
 
@@ -140,10 +121,18 @@ def test_the_headline_says_which_way_it_came_out():
     assert improvement(report.rows) == pytest.approx(35)
     assert "35 times as far off" in headline(report)
     assert "2 times as fast" in headline(report)
-    worse = replace(report.rows[0], ms_per_step=20.0, scores=report.rows[0].scores | {"rmse_all": 1.4e-2})
+    worse = replace(report.rows[0], scores=report.rows[0].scores | {"rmse_all": 1.4e-2, "ms_per_step": 20.0})
     said = headline(replace(report, rows=[worse, *report.rows[1:]]))
     assert "closer" in said
     assert "the solver is 2 times as fast" in said
+    assert "\"FE, cells halved\" is both faster and closer" in said
+
+
+def test_the_picture_is_against_finer_cells_only_where_all_have_that_error():
+    rows = made_up()
+    assert measure_of(rows) == "rmse_all"
+    rows = [replace(row, scores=row.scores | {"rmse_refined": 1e-4}) for row in rows]
+    assert measure_of(rows) == "rmse_refined"
 
 
 def test_the_report_holds_every_figure_and_opens_offline(tmp_path):
@@ -153,17 +142,20 @@ def test_the_report_holds_every_figure_and_opens_offline(tmp_path):
     write_report(tmp_path, Report(title="A & B", rows=rows, cases=["0", "1"]))
     picture.write_bytes((tmp_path / "pareto.png").read_bytes())
     facts = {"machine": "one <core>", "seed": "3"}
+    far = {"0": {"steps": 0.5, "material law": math.inf}, "1": {}}
     write_report(tmp_path, Report(title="A & B", rows=rows, cases=["0", "1"], pictures=[(picture.name, "worst frame")],
-                                  facts=facts, notes=["a limit"]))
+                                  outside=far, facts=facts, notes=["a limit"]))
     page, text = (tmp_path / "report.html").read_text(), (tmp_path / "report.md").read_text()
     for row in rows:
-        for cell in cells(row)[1:]:
-            assert f"<td>{cell}</td>" in page
-            assert f" {cell} |" in text
+        for columns in TABLES.values():
+            for cell in cells(row, columns)[1:]:
+                assert f"<td>{cell}</td>" in page
+                assert f" {cell} |" in text
         assert f"<td>{shown(0.7e3 * row.scores['rmse_all'])}</td>" in page or row.kind == "reference"
     assert "slow &lt;guess&gt; | x" in page
     assert "slow <guess> \\| x" in text
-    for said in ("A &amp; B", "one &lt;core&gt;", "a limit", "worst frame"):
+    for said in ("A &amp; B", "one &lt;core&gt;", "a limit", "worst frame", "1 of 2 test scenes lie far outside", "0 is outside",
+                 "steps by 50 %", "material law (never seen)", "1 of 2 test scenes lie inside"):
         assert said in page
     assert page.count('src="data:image/png;base64,') == 2
     words = re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
@@ -171,7 +163,8 @@ def test_the_report_holds_every_figure_and_opens_offline(tmp_path):
 
     stored = json.loads((tmp_path / "report.json").read_text())
     assert stored["rows"][3]["scores"]["rmse_1"] is None
-    assert stored["rows"][0]["scores"] == rows[0].scores
+    assert stored["rows"][0]["scores"] == rows[0].scores | {"rmse_refined": None}
+    assert stored["far_outside"] == ["0"] and stored["outside"]["0"]["material law"] is None
     assert stored["facts"] == facts
     with open(tmp_path / "table.csv", newline="") as file:
         table = list(csv.DictReader(file))
@@ -193,12 +186,20 @@ def test_evaluate_writes_the_whole_folder(tmp_path):
     names = {path.name for path in (tmp_path / "report").iterdir()}
     assert names == {"report.html", "report.md", "report.json", "table.csv", "pareto.png", "frame_beam.png"}
     rows = {row["name"]: row["scores"] for row in result["rows"]}
-    assert list(rows) == ["M4GN", HYBRID, "nothing moves", "keep the last velocity", *RUNGS, REFERENCE]
+    coarse = ["FE, cells halved", "FE, cells halved twice"]
+    assert list(rows) == ["M4GN", "M4GN, 1 Newton step", "nothing moves", "keep the last velocity", "quadratic extrapolation",
+                          *coarse, REFERENCE]
     assert rows[REFERENCE]["rmse_all"] == 0
     assert rows[REFERENCE]["relative_residual"] < 1e-3  # of the 32-bit numbers in the file
-    errors = [rows[name]["rmse_all"] for name in (*RUNGS, "nothing moves")]
+    errors = [rows[name]["rmse_all"] for name in (*coarse, "nothing moves")]
     assert 0 < errors[0] < errors[1] < errors[2]
     assert rows["keep the last velocity"]["rmse_1"] < rows["nothing moves"]["rmse_1"]
+    # A prediction that is the data has the data's own error to the finer solution.
+    assert 0 < rows[REFERENCE]["rmse_refined"] < rows["FE, cells halved"]["rmse_refined"]
+    assert rows[REFERENCE]["below_data"] == 1 and rows["nothing moves"]["below_data"] < 0.2
+    assert all(row["seconds"] == pytest.approx(0.02 * row["ms_per_step"]) for row in rows.values())
+    assert rows["M4GN"]["set_up_seconds"] > 0 and rows["M4GN, 1 Newton step"]["iterations"] <= 1
+    assert result["outside"] == {"beam": {}} and result["far_outside"] == []
     assert result["report"] == str(tmp_path / "report")
     assert any("RMSE-all" in line for line in said)
     json.dumps(result, allow_nan=False)

@@ -1,0 +1,86 @@
+"""A trained network as a predictor: alone, corrected by Newton steps, and as the start of the full Newton iteration.
+
+The set-up is what a new scene costs before its first step: the elastic mode that cuts the mesh into segments, the segments,
+and for a corrected network the equations. Loading a checkpoint or a compiled form, done once, is not part of it.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datagen.trajectory import Trajectory
+from learning.checkpoint import Model
+from learning.predictor import Case, LeftOut, Prediction, Predictor
+from learning.rollout import predict_step, rollout
+from physics.correct import Corrector
+from physics.mesh import Mesh
+from physics.modes import elastic_modes
+from physics.newton import NoEquilibrium
+from physics.scene import Scene
+
+
+def learned(model: Model, name: str = "M4GN") -> Predictor:
+    """The network's own rollout."""
+
+    def predict(case: Case) -> Prediction:
+        modes = _modes_seconds(model, case)
+        start = time.perf_counter()
+        try:
+            predicted = rollout(model, case.trajectory)
+        except FloatingPointError as error:
+            raise LeftOut(f"it blows up: {error}") from None
+        whole, body = time.perf_counter() - start, case.trajectory.body
+        seconds = predicted.extra["seconds_per_step"] * case.steps
+        return Prediction(path=predicted.displacement[:, body], one_step=predict_step(model, case.trajectory)[:, body],
+                          seconds=seconds, set_up=modes + whole - seconds)
+
+    return Predictor(name, "learned", predict)
+
+
+def corrected(model: Model, count: int | None, name: str = "M4GN") -> Predictor:
+    """Each predicted frame followed by `count` Newton steps, from which the rollout goes on; None: to the solver's tolerance."""
+
+    def predict(case: Case) -> Prediction:
+        modes = _modes_seconds(model, case)
+        start = time.perf_counter()
+        predicted, corrector = corrected_rollout(model, case.trajectory, case.scene, case.mesh, count)
+        whole, seconds = time.perf_counter() - start, predicted.extra["seconds_per_step"] * case.steps
+        return Prediction(path=predicted.displacement[:, case.trajectory.body], seconds=seconds, set_up=modes + whole - seconds,
+                          iterations=corrector.iterations)
+
+    how = "as the start of Newton" if count is None else f"{count} Newton step{'s' if count > 1 else ''}"
+    return Predictor(f"{name}, {how}", "hybrid", predict)
+
+
+def corrected_rollout(model: Model, trajectory: Trajectory, scene: Scene, mesh: Mesh, count: int | None) -> tuple[Trajectory, Corrector]:
+    """The rollout of which each frame is corrected before the next one is predicted, and the corrector.
+
+    Raises:
+        LeftOut: a Newton step led nowhere, or the network to positions that are not finite
+        InputError: a mesh that cannot be segmented
+    """
+    corrector, steps = Corrector(scene, mesh, count=count), len(trajectory.displacement) - 1
+
+    def correct(u: NDArray[np.float64], frame: int) -> NDArray[Any]:
+        try:
+            return corrector(u, frame / steps)
+        except NoEquilibrium as error:
+            raise LeftOut(f"a Newton step led nowhere at frame {frame}: {error}") from None
+
+    try:
+        return rollout(model, trajectory, correct=correct), corrector
+    except FloatingPointError as error:
+        raise LeftOut(f"it blows up: {error}") from None
+
+
+def _modes_seconds(model: Model, case: Case) -> float:
+    """What the elastic mode costs that the segments need; the file brings it along, another scene would not."""
+    if model.config.method == "metis":
+        return 0.0
+    start = time.perf_counter()
+    elastic_modes(case.scene, count=1, mesh=case.mesh)
+    return time.perf_counter() - start
