@@ -94,6 +94,7 @@ class Motion:
         self.balance.load = np.zeros_like(rest.load)  # the loads are among the forces of the step
         self.balance.contact = None if rest.contact is None else Sweeping(rest.contact)
         self.newton = Newton(self.balance)
+        self.newton.round_obstacle = False  # mean normals turn less than those at the end
         points = 0 if rest.contact is None else len(rest.contact.surface.area)
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(points))]
         self.pull = rest.target / self.duration  # (N, 3) [m/s] of held components
@@ -191,7 +192,7 @@ class Motion:
         found: dict[str, Any] = {
             "displacement": state.u, "reaction": state.reaction, "energy": self.body.energy(state.u) if state.u.any() else 0.0,
             "penetration": state.penetration, "newton_iterations": state.iterations, "relative_residual": state.residual,
-            "kinetic_energy": self.kinetic_energy}
+            "kinetic_energy": self.kinetic_energy, "snap": 0.0, "released": 0.0}
         return {name: np.asarray(value) for name, value in found.items()}
 
     def memory(self) -> Arrays:

@@ -1,15 +1,22 @@
 """Cholesky factors of the tangent stiffness, kept for as many solves as they are worth.
 
 A beam whose nodes are numbered along its axis has a stiffness of narrow band b: LAPACK's banded Cholesky then needs n b^2
-operations and each solve passes twice through n b numbers, less than any general sparse method, whose ordering has to
-find out what the numbering says. Where the band is wide, or the stiffness is not positive definite (a body under pressure
-may be held by the obstacle alone), MUMPS takes over.
+operations and each solve passes twice through n b numbers. Where the band is wider the factor is that of a nested dissection
+(dissection.py). Where the stiffness is not positive definite (a body under pressure may be held by the obstacle alone), MUMPS takes
+over.
+
+Contact asks what unit forces E at some nodes do. With K = L L^T their compliance is Y^T Y, Y = L^-1 E, and Y is zero before the first
+of these nodes, or beside the parts above them; so it takes far less than solving with K. Y is kept as long as the factor and grows
+with the nodes that are touched; one solve with contact forces in it is then one with L and one with L^T:
+
+    L y = f,   displacements at the nodes Y^T y,   L^T u = y + Y p
 
 Legend: N nodes, n = 3 N unknowns, C cells.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -19,11 +26,14 @@ from petsc4py import PETSc
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from physics.dissection import Dissection, Panels, dissect, slots
 from physics.elasticity import Elasticity
 
 Floats = NDArray[np.float64]
-WIDEST_BAND = 800  # past this the general method is faster: for beams between 15 k and 35 k nodes
-LARGEST_BAND = 250_000_000  # numbers in it: 2 GB
+Integers = NDArray[np.int64]
+WIDEST_BAND = 300  # past this nested dissection is faster: for beams of some 5 k nodes
+OPERATIONS = 30  # for each number of a factor that a Newton step has time for
+FORGET = 3  # nodes whose columns are kept, over those in contact
 
 
 class NotPositiveDefinite(ArithmeticError):
@@ -31,10 +41,21 @@ class NotPositiveDefinite(ArithmeticError):
 
 
 class Factor(Protocol):
-    """What both kinds of factors do; held components are zero in every solution."""
+    """What all kinds of factors do; held components are zero in every solution.
+
+    Attributes:
+        name: in words
+        negative: eigenvalues of the factored stiffness below zero
+        worth: how many Newton steps with a kept factor cost about as much as a new one
+        learned: nodes (m,) whose columns are known, group by group as they came
+    """
 
     name: str
-    negative: int  # eigenvalues of the factored stiffness below zero
+    negative: int
+    worth: int
+
+    @property
+    def learned(self) -> list[Integers]: ...
 
     def update(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3). Raises `NotPositiveDefinite` when that fails."""
@@ -42,18 +63,29 @@ class Factor(Protocol):
     def solve(self, force: Floats) -> Floats:
         """K^-1 f for nodal forces (N, 3) [N]: displacements (N, 3) [m]."""
 
-    def compliance(self, nodes: NDArray[np.int64]) -> Floats:
+    def compliance(self, nodes: Integers) -> Floats:
         """(3 n, 3 n) displacements of n nodes under unit forces on their components; zero for held ones."""
+
+    def learn(self, nodes: Integers) -> None:
+        """Find the columns of n nodes that are not known yet."""
+
+    def begin(self, force: Floats) -> Floats:
+        """The first half of a solution: what `at` and `finish` take."""
+
+    def at(self, begun: Floats, nodes: Integers) -> Floats:
+        """(n, 3) displacements of n nodes in the solution that was begun."""
+
+    def finish(self, begun: Floats, nodes: Integers | None = None, push: Floats | None = None) -> Floats:
+        """(N, 3) the solution, with forces (n, 3) on n nodes added."""
 
 
 def factor_for(elasticity: Elasticity) -> Factor:
     """The factor that suits a body: banded when its nodes can be numbered so that the band is narrow."""
     order, band = narrowest_order(elasticity)
-    narrow = band <= WIDEST_BAND and band * elasticity.mesh.points.size <= LARGEST_BAND
-    return BandFactor(elasticity, order, band) if narrow else SparseFactor(elasticity)
+    return BandFactor(elasticity, order, band) if band <= WIDEST_BAND else DissectionFactor(elasticity)
 
 
-def narrowest_order(elasticity: Elasticity) -> tuple[NDArray[np.int64], int]:
+def narrowest_order(elasticity: Elasticity) -> tuple[Integers, int]:
     """(N,) the place of each node in the numbering of narrowest band, and the half bandwidth b of the unknowns.
 
     Tried are the mesh's own numbering, along its longest extent, and reverse Cuthill-McKee's.
@@ -75,16 +107,123 @@ def narrowest_order(elasticity: Elasticity) -> tuple[NDArray[np.int64], int]:
     return places[best], bands[best]
 
 
-class BandFactor:
+class _Columns:
+    """Y = L^-1 E for unit forces E at the components of some nodes, and their compliance Y^T Y.
+
+    rows: (r,) the unknowns, in the factor's order, outside of which Y is zero; half: (r, 3 m) Y; compliance: (3 m, 3 m)
+    """
+
+    def __init__(self, compute: Callable[[Integers], tuple[Integers, Floats]]) -> None:
+        """Args: compute rows and columns of nodes (n,)."""
+        self._compute = compute
+        self.clear()
+
+    def clear(self) -> None:
+        self.groups: list[Integers] = []
+        self.rows, self.half, self.compliance = np.empty(0, np.int64), np.empty((0, 0)), np.empty((0, 0))
+
+    def learn(self, nodes: Integers) -> None:
+        rows, half = self._compute(nodes)
+        every = np.union1d(self.rows, rows)
+        half, known = _spread(rows, half, every), _spread(self.rows, self.half, every)
+        cross = known.T @ half
+        self.compliance = np.block([[self.compliance, cross], [cross.T, half.T @ half]])
+        self.rows, self.half = every, np.concatenate([known, half], axis=1)
+        self.groups.append(nodes)
+
+    def of(self, nodes: Integers) -> Integers:
+        """(3 n,) the columns of n nodes; those that are missing are found, and those long out of use forgotten."""
+        place = self._places(nodes)
+        if (place < 0).any():
+            if sum(map(len, self.groups)) > FORGET * len(nodes):
+                self.clear()
+                place[:] = -1
+            self.learn(nodes[place < 0])
+            place = self._places(nodes)
+        return (3 * place[:, None] + np.arange(3)).ravel()
+
+    def _places(self, nodes: Integers) -> Integers:
+        """(n,) of each of n nodes among the known ones, -1 where it is not known."""
+        known = np.concatenate([*self.groups, np.empty(0, np.int64)])
+        order = np.argsort(known)
+        place = np.append(order, -1)[np.searchsorted(known, nodes, sorter=order)]
+        return np.where(np.append(known, -1)[place] == nodes, place, -1)
+
+
+def _spread(rows: Integers, values: Floats, every: Integers) -> Floats:
+    """Values at some of the rows, and zeros at the others."""
+    if len(rows) == len(every):
+        return values
+    out = np.zeros((len(every), values.shape[1]))
+    out[np.searchsorted(every, rows)] = values
+    return out
+
+
+class _Cholesky:
+    """What all factors L L^T have in common."""
+
+    negative = 0
+
+    def __init__(self, elasticity: Elasticity, place: Integers, worth: float) -> None:
+        """Args: place (N,) of each node in the order of elimination."""
+        self.elasticity, self.worth = elasticity, max(8, round(worth))
+        self._unknown = 3 * place[:, None] + np.arange(3)  # (N, 3)
+        self._columns = _Columns(self._halves)
+
+    def _forward(self, y: Floats) -> Floats:
+        """L^-1 y in place, y (3 N,)."""
+        raise NotImplementedError
+
+    def _backward(self, y: Floats) -> Floats:
+        """L^-T y in place, y (3 N,)."""
+        raise NotImplementedError
+
+    def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
+        """L^-1 of unit forces on n nodes: rows (r,) outside of which it is zero, and (r, 3 n)."""
+        raise NotImplementedError
+
+    @property
+    def learned(self) -> list[Integers]:
+        return self._columns.groups
+
+    def learn(self, nodes: Integers) -> None:
+        self._columns.learn(nodes)
+
+    def compliance(self, nodes: Integers) -> Floats:
+        columns = self._columns.of(nodes)
+        return self._columns.compliance[np.ix_(columns, columns)]
+
+    def begin(self, force: Floats) -> Floats:
+        y = np.empty(force.size)
+        y[self._unknown] = np.where(self.elasticity.fixed, 0.0, force)
+        return self._forward(y)
+
+    def at(self, begun: Floats, nodes: Integers) -> Floats:
+        columns = self._columns.of(nodes)
+        return (self._columns.half.T @ begun[self._columns.rows])[columns].reshape(-1, 3)
+
+    def finish(self, begun: Floats, nodes: Integers | None = None, push: Floats | None = None) -> Floats:
+        y = begun.copy()
+        if nodes is not None and push is not None and push.any():
+            columns = self._columns.of(nodes)
+            forces = np.zeros(self._columns.half.shape[1])
+            forces[columns] = push.ravel()
+            y[self._columns.rows] += self._columns.half @ forces
+        return self._backward(y)[self._unknown]
+
+    def solve(self, force: Floats) -> Floats:
+        return self._backward(self.begin(force))[self._unknown]
+
+
+class BandFactor(_Cholesky):
     """LAPACK's banded Cholesky factor, assembled in place."""
 
     name = "banded Cholesky (LAPACK)"
-    negative = 0
 
-    def __init__(self, elasticity: Elasticity, place: NDArray[np.int64], band: int) -> None:
-        self.elasticity, self.band = elasticity, band
+    def __init__(self, elasticity: Elasticity, place: Integers, band: int) -> None:
+        super().__init__(elasticity, place, band / OPERATIONS)
+        self.band = band
         size = elasticity.mesh.points.size
-        self._unknown = 3 * place[:, None] + np.arange(3)  # (N, 3)
         row, column = elasticity.pairs(self._unknown)
         # Column after column of the lower band; what is held goes to one last place.
         slot = np.minimum(row, column) * (band + 1) + abs(row - column)
@@ -94,9 +233,10 @@ class BandFactor:
         self._slot = np.ascontiguousarray(slot, np.int32)
         self._held = np.flatnonzero(held) * (band + 1)
         self._storage = np.empty(size * (band + 1) + 1)
-        self._factor: Floats | None = None
+        self._factor: Floats = np.empty((band + 1, 0))
 
     def update(self, u: Floats) -> None:
+        self._columns.clear()
         self._storage[:] = 0.0
         self.elasticity.add_stiffness(u, self._slot, self._storage)
         self._storage[self._held] = 1.0
@@ -105,29 +245,71 @@ class BandFactor:
         if info or not np.isfinite(self._storage).all():
             raise NotPositiveDefinite(f"the stiffness is not positive definite at unknown {info}")
 
-    def solve(self, force: Floats) -> Floats:
-        right = np.empty(force.size)
-        right[self._unknown] = np.where(self.elasticity.fixed, 0.0, force)
-        return lapack.dpbtrs(self._factor, right, lower=1, overwrite_b=1)[0].ravel()[self._unknown]
+    def _forward(self, y: Floats) -> Floats:
+        return lapack.dtbtrs(self._factor, y, uplo="L", overwrite_b=1)[0].ravel()
 
-    def compliance(self, nodes: NDArray[np.int64]) -> Floats:
-        # With K = L L^T it is Y^T Y, Y = L^-1 E, and Y is zero before the first of the unknowns.
+    def _backward(self, y: Floats) -> Floats:
+        return lapack.dtbtrs(self._factor, y, uplo="L", trans="T", overwrite_b=1)[0].ravel()
+
+    def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
         unknown = self._unknown[nodes].ravel()
         start = int(unknown.min())
         right = np.zeros((self._unknown.size - start, len(unknown)), order="F")
         right[unknown - start, np.arange(len(unknown))] = ~self.elasticity.fixed[nodes].ravel()
-        assert self._factor is not None
         half = lapack.dtbtrs(self._factor[:, start:], right, uplo="L", overwrite_b=1)[0]
-        return half.T @ half
+        return np.arange(start, self._unknown.size), half
+
+
+class DissectionFactor(_Cholesky):
+    """The factor of a nested dissection, assembled in place."""
+
+    name = "sparse Cholesky by nested dissection"
+
+    def __init__(self, elasticity: Elasticity, dissection: Dissection | None = None) -> None:
+        """Args: dissection of the mesh, if there is one already."""
+        dissection = dissection or dissect(elasticity.mesh.points, elasticity.cells)
+        super().__init__(elasticity, dissection.place, dissection.operations / dissection.numbers / OPERATIONS)
+        self._panels = Panels(dissection)
+        free = np.zeros(self._unknown.size, bool)
+        free[self._unknown] = ~elasticity.fixed
+        rows, columns = elasticity.pairs(self._unknown)
+        self._slot = np.empty(rows.shape, np.int32)
+        for slot, row, column in zip(self._slot.T, rows.T, columns.T, strict=True):
+            slot[:] = np.where(free[row] & free[column], slots(dissection, row, column), dissection.numbers)
+        held = np.flatnonzero(~free)
+        self._held = slots(dissection, held, held)
+
+    def update(self, u: Floats) -> None:
+        self._columns.clear()
+        values = self._panels.values
+        values[:] = 0.0
+        self.elasticity.add_stiffness(u, self._slot, values)
+        values[-1] = 0.0
+        values[self._held] = 1.0
+        if not self._panels.factor() or not np.isfinite(values.sum()):
+            raise NotPositiveDefinite("the stiffness is not positive definite")
+
+    def _forward(self, y: Floats) -> Floats:
+        self._panels.forward(y.reshape(-1, 3, 1))
+        return y
+
+    def _backward(self, y: Floats) -> Floats:
+        return self._panels.backward(y)
+
+    def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
+        return self._panels.columns(self._unknown[nodes], ~self.elasticity.fixed[nodes])
 
 
 class SparseFactor:
     """MUMPS's L D L^T factor, which also takes stiffnesses that are not positive definite."""
 
     name = "sparse L D L^T (MUMPS)"
+    worth = 8
 
     def __init__(self, elasticity: Elasticity) -> None:
         self.elasticity = elasticity
+        self.learned: list[Integers] = []
+        self._compliance = np.empty((0, 0))
         self._pc = PETSc.PC().create(PETSc.COMM_SELF)
         self._pc.setType("cholesky")
         self._pc.setFactorSolverType("mumps")
@@ -135,6 +317,7 @@ class SparseFactor:
         self.negative = 0
 
     def update(self, u: Floats) -> None:
+        self.learned = []
         matrix = self.elasticity.stiffness(u)
         matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._pc.setOperators(matrix)
@@ -155,7 +338,30 @@ class SparseFactor:
         self._pc.apply(right, left)
         return self.elasticity.space.from_dofs(left.array)
 
-    def compliance(self, nodes: NDArray[np.int64]) -> Floats:
+    def begin(self, force: Floats) -> Floats:
+        return self.solve(force)
+
+    def at(self, begun: Floats, nodes: Integers) -> Floats:
+        return begun[nodes]
+
+    def finish(self, begun: Floats, nodes: Integers | None = None, push: Floats | None = None) -> Floats:
+        if nodes is None or push is None or not push.any():
+            return begun
+        force = np.zeros_like(begun)
+        force[nodes] = push
+        return begun + self.solve(force)
+
+    def learn(self, nodes: Integers) -> None:
+        self.learned = [np.union1d(nodes, np.concatenate([*self.learned, nodes]))]
+        self._compliance = self._compliance_of(self.learned[0])
+
+    def compliance(self, nodes: Integers) -> Floats:
+        if not self.learned or not np.isin(nodes, self.learned[0]).all():
+            self.learn(nodes)
+        columns = (3 * np.searchsorted(self.learned[0], nodes)[:, None] + np.arange(3)).ravel()
+        return self._compliance[np.ix_(columns, columns)]
+
+    def _compliance_of(self, nodes: Integers) -> Floats:
         space, size = self.elasticity.space, self.elasticity.mesh.points.size
         dofs = space.dofs[nodes].ravel()
         right = np.zeros((len(dofs), size))

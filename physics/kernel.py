@@ -15,13 +15,8 @@ Legend: N nodes, C cells, n nodes of a cell, P sample points of a cell, d = 3 n.
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import os
 import re
-import subprocess
-import tempfile
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +26,7 @@ from numpy.typing import NDArray
 from physics import fem
 from physics.element import Samples
 from physics.material import LAWS
+from physics.native import compiled, pointer
 
 Floats = NDArray[np.float64]
 
@@ -173,18 +169,13 @@ class Kernel:
     def add_stiffness(self, u: Floats, lame: tuple[float, float], slot: NDArray[np.int32], out: Floats) -> None:
         """Add the upper half of each cell's tangent stiffness, row by row, to out[slot], slot (C, d (d + 1) / 2)."""
         assert slot.shape[1] == 3 * self.cells.shape[1] * (3 * self.cells.shape[1] + 1) // 2
-        self._run("stiffnesses", u, lame, out, _pointer(slot))
+        self._run("stiffnesses", u, lame, out, pointer(slot))
 
     def _run(self, name: str, u: Floats, lame: tuple[float, float], out: Floats, *more: ctypes.c_void_p) -> Floats:
         u, constants = np.ascontiguousarray(u), self._parts * lame
-        getattr(self._library, name)(ctypes.c_int64(len(self.cells)), *(_pointer(a) for a in (self.cells, self._table, constants, u, out)),
+        getattr(self._library, name)(ctypes.c_int64(len(self.cells)), *(pointer(a) for a in (self.cells, self._table, constants, u, out)),
                                      *more)
         return out
-
-
-def _pointer(array: NDArray[Any]) -> ctypes.c_void_p:
-    assert array.flags.c_contiguous
-    return ctypes.c_void_p(array.ctypes.data)
 
 
 def _packs(samples: Samples) -> Floats:
@@ -210,26 +201,18 @@ def _packed(name: str, form: Any) -> str:
 
 @cache
 def _library(law: str, nodes: int, points: int) -> ctypes.CDLL:
-    """The compiled loops, from the cache of this processor or into it."""
+    """The compiled loops."""
     domain, tensors = fem.tensors()
     F, S, T = ufl.Coefficient(tensors), ufl.TestFunction(tensors), ufl.TrialFunction(tensors)
     energy = LAWS[law](F, ufl.Constant(domain), ufl.Constant(domain)) * ufl.dx(metadata={"quadrature_degree": 0})
     loops = LOOPS % {"nodes": nodes, "points": points}
-    folder = fem.cache_folder()
-    folder.mkdir(parents=True, exist_ok=True)
-    key = hashlib.sha256("\n".join([fem.FFCX_VERSION, energy.signature(), *fem.COMPILE, PACK, loops]).encode()).hexdigest()[:32]
-    library = folder / f"kernel_{key}.so"
-    if not library.exists():
+
+    def source() -> str:
         stress = ufl.derivative(energy, F, S)
         forms = {"energy": energy, "stress": stress, "tangent": ufl.derivative(stress, F, T)}
-        with tempfile.TemporaryDirectory(dir=folder) as scratch:
-            (Path(scratch) / "kernel.cpp").write_text(PACK + "".join(_packed(*form) for form in forms.items()) + loops)
-            command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp"]
-            made = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
-            if made.returncode:
-                raise RuntimeError(f"g++ could not compile a kernel: {made.stderr.strip().splitlines()[0]}")
-            os.replace(Path(scratch) / "kernel.so", library)  # whole or not at all, whoever else is compiling the same
-    loaded = ctypes.CDLL(str(library))
+        return PACK + "".join(_packed(*form) for form in forms.items()) + loops
+
+    loaded = compiled(source, fem.FFCX_VERSION, energy.signature(), PACK, loops)
     for name in ("energies", "forces", "stiffnesses"):
         getattr(loaded, name).restype = None
     return loaded

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from datagen.family import draw, load_family
-from physics import newton
-from physics.balance import Balance, cell_size
+from physics.balance import cell_size
 from physics.equilibrium import Path, solve
-from physics.factor import BandFactor, NotPositiveDefinite, SparseFactor, narrowest_order
 from physics.mesh import build_mesh
 from physics.newton import TOLERANCE
 from physics.schema import InputError
@@ -113,7 +111,6 @@ def test_scenes_without_a_solution_are_refused():
 
 def test_the_same_scene_gives_the_same_bits():
     assert np.array_equal(solve(pressed()).displacement, solve(pressed()).displacement)
-    assert newton.REFACTOR_COST == 8  # a measured time in its place would break this
 
 
 def work_of_obstacle(scene, solution):
@@ -158,29 +155,6 @@ def test_every_shape_of_obstacle_presses():
     assert reaction["box"] == pytest.approx(reaction["cylinder"], rel=2e-2)  # rounded almost to a cylinder
 
 
-@pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
-def test_both_factors_solve_the_same(cell):
-    """Banded and sparse: the same solutions and the same compliance, held components at rest."""
-    scene = beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [8, 3, 3], "cell": cell})
-    balance = Balance(scene, build_mesh(scene.body))
-    banded, sparse = BandFactor(balance.elasticity, *narrowest_order(balance.elasticity)), SparseFactor(balance.elasticity)
-    rng = np.random.default_rng(0)
-    u = np.where(balance.fixed, 0, rng.uniform(-1e-4, 1e-4, balance.fixed.shape))
-    force, nodes = rng.normal(size=u.shape), np.array([3, 40, 100, 143])
-    for factor in (banded, sparse):
-        factor.update(u)
-    scale = abs(sparse.solve(force)).max()
-    assert banded.solve(force) == pytest.approx(sparse.solve(force), abs=1e-9 * scale)
-    assert not banded.solve(force)[balance.fixed].any() and not sparse.solve(force)[balance.fixed].any()
-    assert banded.compliance(nodes) == pytest.approx(sparse.compliance(nodes), abs=1e-9 * abs(sparse.compliance(nodes)).max())
-    assert banded.negative == sparse.negative == 0
-    squeezed = -0.6 * balance.mesh.points * [0, 0, 1]  # pressed flat everywhere: no state to stand still in by itself
-    with pytest.raises(NotPositiveDefinite):
-        banded.update(squeezed)
-    sparse.update(squeezed)
-    assert sparse.negative > 0
-
-
 def cooks_membrane(across, shear, material):
     """Deflection of the upper right corner in plane strain, one first-order hexahedron thick."""
     scene = beam(
@@ -211,7 +185,8 @@ def test_cooks_membrane_locks_when_nearly_incompressible():
 
 @pytest.mark.parametrize("count", [1, 2, 20])
 def test_the_obstacle_cannot_jump_through_the_body(count):
-    """From above it to below it: however few steps are asked for, they meet, or the path ends clearly."""
+    """From above it to below it: however few steps are asked for, they meet, and the end of the beam slips off."""
     down = {"shape": "cylinder", "radius": 0.01, "path": [[0.05, 0.01, 0.0305], [0.05, 0.01, -0.2]]}
     solution = solve(pressed(obstacle=down, steps={"count": count}))
-    assert solution.failure or abs(solution.displacement).max() > 0.01
+    assert not solution.failure and solution.snap.max() > 0.01
+    assert abs(solution.displacement[-1]).max() < 1e-9  # free again

@@ -1,0 +1,43 @@
+"""C++ compiled for this very processor, once: the libraries stand in a folder of the home directory."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from physics import fem
+
+
+def compiled(source: Callable[[], str] | str, *key: str) -> ctypes.CDLL:
+    """The library of a C++ source. A source that is costly to write is a function, and its key says all that it depends on.
+
+    Raises:
+        RuntimeError: the compiler's first line, when it does not compile
+    """
+    folder = fem.cache_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    name = hashlib.sha256("\n".join([*fem.COMPILE, *(key or (str(source),))]).encode()).hexdigest()[:32]
+    library = folder / f"kernel_{name}.so"
+    if not library.exists():
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            (Path(scratch) / "kernel.cpp").write_text(source if isinstance(source, str) else source())
+            command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp"]
+            made = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
+            if made.returncode:
+                raise RuntimeError(f"g++ could not compile a kernel: {made.stderr.strip().splitlines()[0]}")
+            os.replace(Path(scratch) / "kernel.so", library)  # whole or not at all, whoever else is compiling the same
+    return ctypes.CDLL(str(library))
+
+
+def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
+    """The address of an array's numbers, which must lie one after another; it does not keep the array alive."""
+    assert array.flags.c_contiguous
+    return ctypes.c_void_p(array.ctypes.data)

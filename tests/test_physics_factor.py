@@ -1,0 +1,98 @@
+"""Factors of the stiffness: all kinds solve the same, and nested dissection cuts where it may."""
+
+import numpy as np
+import pytest
+
+from physics.balance import Balance
+from physics.dissection import dissect
+from physics.factor import BandFactor, DissectionFactor, NotPositiveDefinite, SparseFactor, narrowest_order
+from physics.mesh import build_mesh
+from physics.mixing import Mixing
+from tests.scenes import beam
+
+
+def factors(cell):
+    scene = beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [8, 3, 3], "cell": cell})
+    balance = Balance(scene, build_mesh(scene.body))
+    elasticity = balance.elasticity
+    return balance, (BandFactor(elasticity, *narrowest_order(elasticity)), DissectionFactor(elasticity), SparseFactor(elasticity))
+
+
+@pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
+def test_all_factors_solve_the_same(cell):
+    """The same solutions and the same compliance, held components at rest."""
+    balance, made = factors(cell)
+    rng = np.random.default_rng(0)
+    u = np.where(balance.fixed, 0, rng.uniform(-1e-4, 1e-4, balance.fixed.shape))
+    force, nodes = rng.normal(size=u.shape), np.array([3, 40, 100, 143])
+    for factor in made:
+        factor.update(u)
+    banded, dissected, sparse = made
+    solution, compliance = sparse.solve(force), sparse.compliance(nodes)
+    for factor in (banded, dissected):
+        assert factor.solve(force) == pytest.approx(solution, abs=1e-9 * abs(solution).max())
+        assert not factor.solve(force)[balance.fixed].any()
+        assert factor.compliance(nodes) == pytest.approx(compliance, abs=1e-9 * abs(compliance).max())
+    assert banded.negative == dissected.negative == sparse.negative == 0
+    squeezed = -0.6 * balance.mesh.points * [0, 0, 1]  # pressed flat everywhere: no state to stand still in by itself
+    for factor in (banded, dissected):
+        with pytest.raises(NotPositiveDefinite):
+            factor.update(squeezed)
+    sparse.update(squeezed)
+    assert sparse.negative > 0
+
+
+@pytest.mark.parametrize("kind", range(3))
+def test_a_solution_in_halves_is_a_solution(kind):
+    """Forces that are added between the halves, on nodes that come in one after the other, count like those from the start."""
+    balance, made = factors("prism")
+    factor, rng = made[kind], np.random.default_rng(1)
+    factor.update(np.zeros(balance.fixed.shape))
+    force = rng.normal(size=balance.fixed.shape)
+    whole = factor.compliance(np.arange(0, 144, 5))
+    factor.update(np.zeros(balance.fixed.shape))
+    for nodes in (np.array([20, 40]), np.array([5, 20, 100]), np.array([0, 5, 75, 130])):
+        push, both = rng.normal(size=(len(nodes), 3)), force.copy()
+        both[nodes] += push
+        begun, expected = factor.begin(force), factor.solve(force)
+        assert factor.at(begun, nodes) == pytest.approx(expected[nodes], abs=1e-9 * abs(expected).max())
+        assert factor.finish(begun, nodes, push) == pytest.approx(factor.solve(both), abs=1e-9 * abs(expected).max())
+        columns = (3 * (nodes // 5)[:, None] + np.arange(3)).ravel()
+        assert factor.compliance(nodes) == pytest.approx(whole[np.ix_(columns, columns)], abs=1e-9 * abs(whole).max())
+
+
+def test_separators_separate():
+    """No cell has nodes in two parts of which neither cut the other off, and every node is in one part."""
+    mesh = build_mesh(beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [12, 6, 6]}).body)
+    found = dissect(mesh.points, mesh.cells.astype(np.int32))
+    assert sorted(found.order) == list(range(len(mesh.points)))
+    part = np.repeat(np.arange(len(found.part)), found.part[:, 0] // 3)[found.place]
+    above = [{t} for t in range(len(found.part))]
+    for t in reversed(range(len(found.part))):
+        if found.parent[t] >= 0:
+            above[t] |= above[found.parent[t]]
+    for cell in mesh.cells:
+        parts = sorted(set(part[cell]))
+        assert set(parts) <= above[parts[0]]
+
+
+def test_numbers_of_a_dissection_grow_like_those_of_a_solid():
+    """O(N^(4/3)) numbers (George 1973), where a band has O(N^(5/3)): cubes of 9^3 and 17^3 nodes."""
+    numbers, nodes = [], []
+    for n in (8, 16):
+        mesh = build_mesh(beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [n, n, n], "cell": "hexahedron"}).body)
+        numbers.append(dissect(mesh.points, mesh.cells.astype(np.int32)).numbers)
+        nodes.append(len(mesh.points))
+    # On small meshes the surface counts: a little more than 4/3.
+    assert np.log(numbers[1] / numbers[0]) / np.log(nodes[1] / nodes[0]) < 1.5
+
+
+def test_mixing_solves_what_is_linear_in_as_many_steps_as_there_are_directions():
+    """s(u) = A (x - u) with A = 1 but for two directions: Anderson's mixing ends where GMRES would."""
+    rng = np.random.default_rng(0)
+    basis = np.linalg.qr(rng.normal(size=(30, 30)))[0]
+    matrix, x = basis @ np.diag([0.1, 0.3] + 28 * [1.0]) @ basis.T, rng.normal(size=30)
+    mixing, u = Mixing(), np.zeros((10, 3))
+    for _ in range(4):
+        u, _ = mixing.next(u, (matrix @ (x - u.ravel())).reshape(10, 3), np.zeros(0))
+    assert u.ravel() == pytest.approx(x, abs=1e-6)
