@@ -63,6 +63,7 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
     if out is not None:
         from physics.view import frame_picture
 
+        out.mkdir(parents=True, exist_ok=True)
         (out / "verify.json").write_text(json.dumps(finite(result), indent=1))
         step = found.worst_step
         frame_picture(out / "worst.png", mesh, prediction=u[step], truth=v[step], step=step, steps=len(v) - 1)

@@ -48,7 +48,8 @@ class Body:
     strain across it (plane = "strain", the default: a slice of a long body) or with no stress ("stress": a thin sheet);
     `thickness` is its extent across [m].
 
-    `element` = "reduced" samples the prisms of a beam at fewer points (element.py): they then bend as they should.
+    `element` is how first-order cells are sampled (element.py): "reduced" lets the prisms of a beam bend as they should,
+    "mean-dilatation" frees prisms and hexahedra of locking near a Poisson ratio of 1/2.
     """
 
     shape: str = quantity("beam", choice=tuple(KEYS))
@@ -59,7 +60,7 @@ class Body:
     cell_size: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     cell: str = quantity("prism", choice=SOLID_CELLS + PLANE_CELLS)
     order: int = quantity(1, at_least=1, at_most=2)
-    element: str = quantity("standard", choice=("standard", "reduced"))
+    element: str = quantity("standard", choice=("standard", "mean-dilatation", "reduced"))
     path: str | None = None
     hole_centre: tuple[float, float] | None = quantity(None, unit="m")
     hole_radius: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
@@ -272,6 +273,10 @@ def _check_body(body: Body, given: dict[str, Any]) -> None:
         raise InputError("body.order = 2: prisms are of first order only; take cell = \"tetrahedron\" or \"hexahedron\"")
     if body.element == "reduced" and (body.shape != "beam" or body.cell != "prism" or body.extent[0] < max(body.extent[1:])):
         raise InputError("body.element = \"reduced\": only for a beam of prisms that is at least as long as wide and high; leave it out")
+    if body.element == "mean-dilatation" and body.shape != "file" and body.cell not in ("prism", "hexahedron"):
+        raise InputError(f"body.element = \"mean-dilatation\": only for prisms and hexahedra, not for cell = {body.cell!r}; leave it out")
+    if body.element != "standard" and body.order == 2:
+        raise InputError(f"body.element = {body.element!r}: for cells of first order only; leave it or order = 2 out")
     if body.shape in ("beam", "plate"):
         if (body.cells is None) == (body.cell_size is None):
             raise InputError("body: give exactly one of cells and cell_size")
