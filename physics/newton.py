@@ -154,6 +154,10 @@ class Newton:
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
 
+    def outdate(self) -> None:
+        """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
+        self._stale = True
+
     def improve(self, fraction: float, start: Floats, last: State, *, count: int) -> State:
         """At most `count` Newton steps from a start (N, 3), contact included; fewer when they reach an equilibrium.
 

@@ -1,8 +1,8 @@
 """What is simulated: a body, its material, its supports and loads, a rigid obstacle, and the steps.
 
 A scene is a TOML file, read into frozen dataclasses that carry unit and bounds of every key. Coordinates are
-Cartesian [m]; the body is given in its stress-free rest state. Loading is quasi-static: step s = 0 .. count is a
-fraction s/count of the loading, not a time.
+Cartesian [m]; the body is given in its stress-free rest state. Step s = 0 .. count is a fraction s/count of the loading; it is a
+time only in dynamic scenes.
 """
 
 from __future__ import annotations
@@ -119,11 +119,15 @@ class Support:
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """A dead load, reached linearly at the last step: a traction [Pa] on a face, or an acceleration [m/s2] of the body."""
+    """A dead load, reached linearly at the last step: a traction [Pa] on a face, or an acceleration [m/s2] of the body.
+
+    With `sudden` it acts in full from the start, in dynamic scenes only.
+    """
 
     where: str | None = None
     traction: Vector | None = quantity(None, unit="Pa")
     acceleration: Vector | None = quantity(None, unit="m/s2")
+    sudden: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,10 +149,16 @@ class Obstacle:
 
 @dataclass(frozen=True, kw_only=True)
 class Steps:
-    """The number of equal steps in which the loading is applied, and the time that it takes."""
+    """The number of equal steps in which the loading is applied, and the time that it takes.
+
+    `dynamic` gives the body inertia; then `duration` is needed, and `velocity` is that of the whole body at the start, but for
+    what is held.
+    """
 
     count: int = quantity(400, at_least=1, at_most=1_000_000)
     duration: float | None = quantity(None, unit="s", above=0, at_least=1e-9, at_most=1e9)
+    dynamic: bool = False
+    velocity: Vector | None = quantity(None, unit="m/s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,6 +236,12 @@ def read_scene(table: dict[str, Any]) -> Scene:
             raise InputError(f"load[{i}]: give exactly one of traction and acceleration")
         if (load.traction is None) != (load.where is None):
             raise InputError(f"load[{i}]: a traction needs a where, an acceleration takes none")
+        if load.sudden and not scene.steps.dynamic:
+            raise InputError(f"load[{i}].sudden: a load can only be sudden where [steps] dynamic = true")
+    if scene.steps.dynamic and scene.steps.duration is None:
+        raise InputError("steps.duration: missing; dynamic = true needs it")
+    if scene.steps.velocity is not None and not scene.steps.dynamic:
+        raise InputError("steps.velocity: needs dynamic = true")
     if scene.obstacle is not None:
         scene = replace(scene, obstacle=_complete(scene.obstacle))
     return scene
