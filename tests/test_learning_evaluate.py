@@ -229,6 +229,13 @@ def test_compare_runs_every_rival_on_one_scene(tmp_path):
     assert not list((tmp_path / "report").glob("frame_*"))
 
 
+def test_a_scene_with_inertia_is_refused(tmp_path):
+    scene = pressed(steps={"count": 4, "duration": 0.1, "dynamic": True})
+    (tmp_path / "fast.toml").write_text(scene.to_toml())
+    with pytest.raises(InputError, match="quasi-static"):
+        compare(tmp_path / "fast.toml", [], tmp_path / "report")
+
+
 def test_two_runs_of_one_name_are_refused(tmp_path):
     with pytest.raises(InputError, match="different names"):
         predictors({"a/run": None, "b/run": None})
