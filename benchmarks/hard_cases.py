@@ -18,4 +18,5 @@ print("|---|---:|---:|---:|---:|---|---|")
 for name, run in CASES.items():
     if len(sys.argv) == 1 or any(word in name for word in sys.argv[1:]):
         row = run()
-        print(f"| {name} | {row.asked} | {row.halvings} | {row.iterations} | {row.error:.1e} | {row.reference} | {row.outcome} |", flush=True)
+        print(f"| {name} | {row.asked} | {row.halvings} | {row.iterations} | {row.error:.1e} | {row.reference} | {row.outcome} |",
+              flush=True)

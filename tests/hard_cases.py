@@ -119,8 +119,8 @@ def slips_off_the_tip():
 
 def slips_off_sideways():
     """A sphere beside the middle of the beam: the beam turns and bends aside until it slips off."""
-    down = SPHERE | {"path": [[0.055, 0.014, 0.0305], [0.055, 0.014, -0.0255]]}
-    return against_work(beam(obstacle=down, steps={"count": 200}), 5e-3)
+    down = {"shape": "sphere", "radius": 0.01, "path": [[0.055, 0.014, 0.0305], [0.055, 0.014, -0.0255]]}
+    return against_work(beam(obstacle=down, steps={"count": 200}), 2 / 150)  # as above; it snaps twice
 
 
 def distorted():
@@ -199,12 +199,12 @@ def rolled_up():
 
 
 def column(push, **changes):
-    """A clamped column of slenderness 50 whose ends are brought nearer by a fifth of its length; the force on it, over steps."""
+    """The path of a clamped column of slenderness 50, pushed [m/s2] from the side, while its ends come nearer by a fifth of its length."""
     scene = slender(
-        body={"length": 1.0, "width": 0.02, "height": 0.02, "cells": [100, 1, 1], "element": "reduced"},
+        body={"length": 1.0, "width": 0.03, "height": 0.02, "cells": [100, 1, 1], "element": "reduced"},
         support=[{"where": "x-min", "fixed": "xyz"}, {"where": "x-max", "fixed": "xyz", "displacement": [-0.2, 0.0, 0.0]}],
         load=[{"acceleration": [0.0, 0.0, push]}] if push else [], **changes)
-    return scene, solve(scene)
+    return solve(scene)
 
 
 def elastica(shortening, slenderness):
@@ -217,8 +217,8 @@ def elastica(shortening, slenderness):
 
 def buckles(push):
     def run():
-        scene, ours = column(push, steps={"count": 100})
-        found = ours.reaction[1:, 0] / (1e6 * 0.02**4 / 12)
+        ours = column(push, steps={"count": 100})
+        found = ours.reaction[1:, 0] / (1e6 * 0.03 * 0.02**3 / 12)
         shortening = 0.2 * np.arange(1, 101) / 100
         past = shortening > 0.02
         exact = np.array([elastica(s, 50) for s in shortening[past]])
@@ -316,7 +316,8 @@ def hertz():
     return Row(2, path.halvings, path.states[-1].iterations, float(max(errors)), 2e-2, "Hertz: force, radius, pressures", "all steps")
 
 
-SLOW = ("slips off sideways", "Hertz, sphere on a block", "Poisson ratio 0.4999", "distorted mesh, 30 % of a cell", "first touch at a corner")
+SLOW = ("slips off sideways", "Hertz, sphere on a block", "Poisson ratio 0.4999", "Poisson ratio 0.499",
+        "distorted mesh, 30 % of a cell", "first touch at a corner")
 CASES = {
     "Poisson ratio 0.49": nearly_incompressible(0.49, 80),
     "Poisson ratio 0.499": nearly_incompressible(0.499, 80),

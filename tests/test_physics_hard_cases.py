@@ -1,12 +1,8 @@
 """Every hard case ends right: held against theory, another method or an invariant, to the limit that the case gives a reason for."""
 
-import numpy as np
 import pytest
 
-from physics.equilibrium import solve
-from physics.snap import Relaxation
-from tests.hard_cases import CASES, SLOW, slips_off_the_tip
-from tests.scenes import beam
+from tests.hard_cases import CASES, SLOW
 
 SNAPS = {"column pushed past buckling, with a small side load", "the same without one", "shallow arch pushed through", "slips off the tip",
          "slips off sideways"}
