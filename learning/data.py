@@ -31,6 +31,7 @@ from torch import Tensor
 from datagen.trajectory import Trajectory, problems, read_trajectory
 from learning.config import TrainConfig
 from learning.graph import Graph, Skeleton, build_graph, build_skeleton
+from learning.segment_quality import auto_segment
 from learning.segments import segment
 from physics.schema import InputError
 
@@ -83,8 +84,15 @@ def load_cases(files: Sequence[str | Path], config: TrainConfig) -> list[Case]:
 
 def build_case(trajectory: Trajectory, config: TrainConfig) -> Case:
     """Segment a trajectory in memory and collect what its graphs have in common."""
-    segments = segment(trajectory, count=config.segments, method=config.method, tau=config.tau)
-    return Case(trajectory, build_skeleton(trajectory, segments))
+    return Case(trajectory, build_skeleton(trajectory, segments_of(trajectory, config)))
+
+
+def segments_of(trajectory: Trajectory, config: TrainConfig) -> NDArray[np.int32]:
+    """(N,) segment of each node, as a config wants them. Raises `InputError` for a mesh that cannot be segmented so."""
+    if isinstance(config.segments, str):
+        return auto_segment(trajectory, method=config.method, tau=config.tau, modes=config.modes, mode_count=config.mode_count)[0]
+    return segment(trajectory, count=config.segments, method=config.method, tau=config.tau, modes=config.modes,
+                   mode_count=config.mode_count)
 
 
 def sample(case: Case, frame: int, config: TrainConfig, generator: torch.Generator) -> tuple[Graph, Tensor]:
