@@ -22,8 +22,9 @@ PLACES = [((x * far, y * far), {-1: "right", 0: "center", 1: "left"}[x], {-1: "t
 
 
 def measure_of(rows: list[Row]) -> str:
-    """The error that all rows have: to the solution on finer cells where there is one, else to the data."""
-    return "rmse_refined" if rows and all(not math.isnan(row.scores.get("rmse_refined", math.nan)) for row in rows) else "rmse_all"
+    """The error that all rows have in all trajectories: to the solution on finer cells where there is one, else to the data."""
+    every = [each.get("rmse_refined", math.nan) for row in rows for each in (row.scores, *row.each)]
+    return "rmse_all" if not every or any(map(math.isnan, every)) else "rmse_refined"
 
 
 def front(rows: list[Row], error: str = "rmse_all") -> list[Row]:
