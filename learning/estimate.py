@@ -39,9 +39,11 @@ from physics.schema import InputError
 from physics.whole import written_whole
 
 Floats = NDArray[np.float64]
-VERSION = 1  # of the estimates: to be raised with every change to their numbers
+VERSION = 2  # of the estimates: to be raised with every change to their numbers
 KEYS = 12  # poses at which the body's own law is evaluated
 ENRICHING = (0.35, 0.7, 1.0)  # where on the touching part of the path the space is enriched
+ENRICHMENTS = 2  # rounds of it at most
+ENOUGH = 1e-2  # cell sizes: when the answers are smaller, one round is enough
 ITERATIONS = 40
 LOOSE = 1e-3  # cell sizes: a last step that may be left over where points of contact go in circles
 HALVINGS = 6
@@ -154,12 +156,17 @@ class Estimator:
         loads[self._elastic.held] = 0.0
         vectors = derivatives(self._elastic, loads, depth)
         self._model = Reduced(self._elastic, vectors)
-        self._restart()
         span = self.touching[-1] - first
-        left = self._march(first + np.unique((np.array(ENRICHING) * span).round().astype(int)), enrich=True)
-        self._model = Reduced(self._elastic, [*self._model.space.T, *left])
+        poses = first + np.unique((np.array(ENRICHING) * span).round().astype(int))
+        keys = first + np.unique(np.linspace(0, span, KEYS + 1).round().astype(int))[1:]
         self._restart()
-        self._march(first + np.unique(np.linspace(0, span, KEYS + 1).round().astype(int))[1:])
+        left = self._march(poses, poses)
+        for _ in range(ENRICHMENTS):
+            self._model = Reduced(self._elastic, [*self._model.space.T, *left])
+            self._restart()
+            left = self._march(keys, keys[np.searchsorted(keys, poses)])
+            if max((abs(answer).max() for answer in left), default=0.0) < ENOUGH * self.size:
+                break
 
     def _restart(self) -> None:
         """Forget what was computed with another space."""
@@ -167,8 +174,8 @@ class Estimator:
         self._answers = np.zeros((self._elastic.size, 0))  # K^-1 - Phi Phi^T, three columns a node
         self._beyond = PchipInterpolator([0.0, 1.0], np.zeros((2, self._model.space.shape[1])))
 
-    def _march(self, frames: NDArray[np.int64], *, enrich: bool = False) -> list[Floats]:
-        """Solve poses in order with the body's own law, keep c; the answers (M,) to the forces left over, if asked for."""
+    def _march(self, frames: NDArray[np.int64], kept: NDArray[np.int64]) -> list[Floats]:
+        """Solve poses in order with the body's own law and keep c; gives the answers (M,) to what some of them leave over."""
         model, state, left = self._model, self._rest(), []
         at, beyond = [self._way[max(self.touching[0] - 1, 0)]], [np.zeros(model.space.shape[1])]
         for frame in frames.tolist():
@@ -179,8 +186,8 @@ class Estimator:
                 force = self._elastic.internal(u)
                 if np.isfinite(force).all():  # no cell is inside out
                     c = model.space.T @ force - model.slope(state.q)
-            if enrich and np.isfinite(force).all():
-                left.append(self._elastic.solve(state.push - force))
+            if frame in kept and np.isfinite(force).all():
+                left.append(self._elastic.answer(u, state.push - force))
             at.append(self._way[frame])
             beyond.append(c)
         self._beyond = PchipInterpolator(at, np.array(beyond))
@@ -188,7 +195,7 @@ class Estimator:
 
     def frames(self, frames: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(F, N, 3) displacements [m] at some frames of the trajectory, in ascending order, and the answers of the rest
-        stiffness to the forces that each of them leaves over, K^-1 (push - f(u)) (F, N, 3) [m]."""
+        stiffness, turned with the body, to the forces that each of them leaves over (F, N, 3) [m]."""
         shape = (len(frames), *self.mesh.points.shape)
         out, answer = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         if not len(self.touching):
@@ -203,7 +210,7 @@ class Estimator:
             out[row] = u = self._displacement(state)
             force = self._elastic.internal(u.ravel())
             if np.isfinite(force).all():
-                answer[row] = self._elastic.solve(state.push - force).reshape(-1, 3)
+                answer[row] = self._elastic.answer(u.ravel(), state.push - force).reshape(-1, 3)
         return out, answer
 
     def _rest(self) -> _State:
