@@ -37,7 +37,8 @@ def main():
     level = None
     if config.estimate:
         cases = load_cases(files(options.data, "valid"), config, walk=True)
-        level = np.mean([rmse(case.estimate.displacement, case.trajectory.displacement[case.targets], case.skeleton.free) for case in cases])
+        level = np.mean([rmse(case.estimate.displacement, case.trajectory.displacement[case.targets], case.trajectory.free)
+                         for case in cases])
     figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
     axes.plot(seconds, 1e6 * error, "o-", color="C0", label="network")
     if level is not None:

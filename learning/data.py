@@ -12,7 +12,7 @@ A sample is a graph, a base b and a unit c from which a network's output y (N, 3
     pose      yes        the body as estimated, the obstacle at f   a(f) / c(f)                  e(f)                    c(f)
 
 e is an estimate of the quasi-static state at the obstacle's pose, a the answer to the forces that it leaves over, c the root
-mean square of a (estimate.py): the network learns what is wrong with the estimate in units of about how wrong it is.
+mean square of a (quasistatic.py): the network learns what is wrong with the estimate in units of about how wrong it is.
 
 A stepwise simulator walks on its own predictions, so it is trained on disturbed frames: to every free node, at every access anew,
 
