@@ -52,6 +52,7 @@ from learning.segments import segment
 from physics.schema import InputError
 
 FIT_FRAMES = 1000
+OFTENEST = 5.0  # times the mean that a frame may be drawn on account of its error
 SMALLEST = 1e-8  # [m] unit of a frame whose estimate leaves no force over
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"), "fidelity", "estimates")
 INPUTS = ("node", "mesh_edge", "contact_edge")
@@ -258,7 +259,7 @@ def chances(cases: Sequence[Case]) -> Tensor | None:
         unit = np.array([unit_of(case, frame) for frame in case.targets.tolist()])
         shares.append(unit**2 / np.sqrt(np.mean(unit**2)))
     share = np.concatenate(shares)
-    return torch.from_numpy(share / share.mean() + 1)
+    return torch.from_numpy(np.minimum(share / share.mean(), OFTENEST) + 1)
 
 
 def fingerprint(cases: Sequence[Case]) -> str:

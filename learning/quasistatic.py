@@ -82,29 +82,30 @@ class Estimator:
         way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(moved, axis=0), axis=1))])
         self._way = way  # (T,) [m] along the path
         rest = self.surface.positions(mesh.points)
-        touching = [i for i, centre in enumerate(self.centres) if self.obstacle.gap(rest, centre)[0].min() < 0]
-        self.touching = np.array(touching, int)
-        if len(touching):
+        # Where the obstacle overlaps the body at rest. Later on it may be so deep that it no longer does.
+        self.overlaps = np.array([self.obstacle.gap(rest, centre)[0].min() < 0 for centre in self.centres])
+        if self.overlaps.any():
             self._prepare(mesh, held, scene, rest)
 
     def _prepare(self, mesh: Mesh, held: NDArray[np.bool_], scene: Scene, rest: Floats) -> None:
         self._elastic = Elastic(mesh, held, scene.material.law, scene.material.poisson_ratio)
-        first = self.touching[0]
+        first = int(self.overlaps.argmax())
         gap, normal = self.obstacle.gap(rest, self.centres[first])
-        depth = -min(self.obstacle.gap(rest, self.centres[i])[0].min() for i in self.touching)
+        depth = -min(self.obstacle.gap(rest, self.centres[i])[0].min() for i in np.flatnonzero(self.overlaps))
         loads = _loads(self.surface, rest, rest[gap.argmin()], normal[gap.argmin()], self.size, mesh)
         loads[self._elastic.held] = 0.0
         vectors = derivatives(self._elastic, loads, depth)
         self._model = Reduced(self._elastic, vectors)
-        span = self.touching[-1] - first
-        poses = first + np.unique((np.array(ENRICHING) * span).round().astype(int))
-        keys = first + np.unique(np.linspace(0, span, KEYS + 1).round().astype(int))[1:]
+        last = len(self.centres) - 1
+        farthest = first + int(np.linalg.norm(self.centres[first:] - self.centres[first], axis=1).argmax())
+        poses = first + np.unique((np.array(ENRICHING) * (farthest - first)).round().astype(int))
+        keys = first + np.unique(np.linspace(0, last - first, KEYS + 1).round().astype(int))[1:]
         self._restart()
         left = self._march(poses, poses)
         for _ in range(ENRICHMENTS):
             self._model = Reduced(self._elastic, [*self._model.space.T, *left])
             self._restart()
-            left = self._march(keys, keys[np.searchsorted(keys, poses)])
+            left = self._march(keys, keys[np.minimum(np.searchsorted(keys, poses), len(keys) - 1)])
             if max((abs(answer).max() for answer in left), default=0.0) < ENOUGH * self.size:
                 break
 
@@ -117,7 +118,7 @@ class Estimator:
     def _march(self, frames: NDArray[np.int64], kept: NDArray[np.int64]) -> list[Floats]:
         """Solve poses in order with the body's own law and keep c; gives the answers (M,) to what some of them leave over."""
         model, state, left = self._model, self._rest(), []
-        at, beyond = [self._way[max(self.touching[0] - 1, 0)]], [np.zeros(model.space.shape[1])]
+        at, beyond = [self._way[max(int(self.overlaps.argmax()) - 1, 0)]], [np.zeros(model.space.shape[1])]
         for frame in frames.tolist():
             c = beyond[-1]
             for _ in range(ROUNDS):
@@ -138,15 +139,17 @@ class Estimator:
         stiffness, turned with the body, to the forces that each of them leaves over (F, N, 3) [m]."""
         shape = (len(frames), *self.mesh.points.shape)
         out, answer = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        if not len(self.touching):
+        if not self.overlaps.any():
             return out, answer
-        state, touching = self._rest(), set(self.touching.tolist())
+        state = self._rest()
         for row, frame in enumerate(frames):
-            if frame not in touching:
-                state = self._rest()
+            if frame < self.overlaps.argmax():
                 continue
             way = min(max(self._way[frame], self._beyond.x[0]), self._beyond.x[-1])
             state = self._advance(self.centres[frame], state, self._beyond(way))
+            if not state.pressure.any() and not self.overlaps[frame]:  # nothing holds the body away from rest
+                state = replace(self._rest(), centre=self.centres[frame])
+                continue
             out[row] = u = self._displacement(state)
             force = self._elastic.internal(u.ravel())
             if np.isfinite(force).all():
