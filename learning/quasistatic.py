@@ -141,12 +141,14 @@ class Estimator:
         out, answer = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         if not self.overlaps.any():
             return out, answer
-        state = self._rest()
+        state, last = self._rest(), max(int(self.overlaps.argmax()) - 1, 0)
         for row, frame in enumerate(frames):
             if frame < self.overlaps.argmax():
                 continue
-            way = min(max(self._way[frame], self._beyond.x[0]), self._beyond.x[-1])
-            state = self._advance(self.centres[frame], state, self._beyond(way))
+            for stop in self._stops(last, frame):
+                way = min(max(self._way[stop], self._beyond.x[0]), self._beyond.x[-1])
+                state = self._advance(self.centres[stop], state, self._beyond(way))
+            last = frame
             if not state.pressure.any() and not self.overlaps[frame]:  # nothing holds the body away from rest
                 state = replace(self._rest(), centre=self.centres[frame])
                 continue
@@ -155,6 +157,11 @@ class Estimator:
             if np.isfinite(force).all():
                 answer[row] = self._elastic.answer(u.ravel(), state.push - force).reshape(-1, 3)
         return out, answer
+
+    def _stops(self, start: int, end: int) -> list[int]:
+        """Frames between two, the last one included, at most a cell apart along the path."""
+        count = max(1, int(np.ceil((self._way[end] - self._way[start]) / self.size)))
+        return np.unique(np.linspace(start, end, count + 1).round().astype(int))[1:].tolist()
 
     def _rest(self) -> _State:
         size, surface = self._elastic.size, len(self.surface.area)
