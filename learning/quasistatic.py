@@ -305,7 +305,7 @@ def _scene(trajectory: Trajectory) -> Scene:
         raise InputError('the trajectory holds no scene, which estimate = true needs: train with estimate = false')
     scene = read_scene(tomllib.loads(trajectory.scene))
     moved = [support for support in scene.support if any(support.displacement) or set(support.fixed) != set("xyz")]
-    if scene.obstacle is None or scene.load or moved or scene.body.element != "standard":
+    if scene.obstacle is None or scene.load or moved or scene.body.element != "standard" or scene.steps.dynamic:
         raise InputError("estimate = true knows bodies that are clamped and pressed by an obstacle, without loads, sliding or "
-                         "moving supports and reduced elements: train with estimate = false")
+                         "moving supports, reduced elements and inertia: train with estimate = false")
     return scene
