@@ -1,7 +1,7 @@
 """What a training is asked to do: its frozen dataclass is the schema, the defaults and the documentation of a TOML file.
 
-The defaults are the paper's for DeformingBeam; `configs/m4gn-beam.toml` writes them out, `configs/m4gn-small.toml` is the
-demo's.
+The defaults are the paper's for DeformingBeam, but for the overlap of segments; `configs/m4gn-beam.toml` writes the paper's out,
+`configs/m4gn-small.toml` is the demo's.
 """
 
 from __future__ import annotations
