@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-ROOT = Path(__file__).parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 import torch
@@ -40,6 +39,7 @@ from learning.features import METHODS
 from learning.segment_quality import segment_quality
 from learning.train import train
 
+PACK = Path(__file__).parent.parent / "assets" / "beam-small.pack"
 FIRST = 20  # steps that are timed
 ERRORS = ("rmse_1", "rmse_50", "rmse_all")
 
@@ -89,7 +89,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         data = Path(options.data or folder)
         if not options.data:
-            unpack(ROOT / "assets" / "beam-small.pack", data := Path(folder, "data"))
+            unpack(PACK, data := Path(folder, "data"))
         paths, tests = files(data, "train"), files(data, "test")
         rows = {}
         print(f"| {options.vary} | segments | silhouette | steps | ms a step | RMSE-1 [mm] | RMSE-50 [mm] | RMSE-all [mm] |")
@@ -104,8 +104,9 @@ def main() -> None:
             rows[label] = {"runs": runs, "segments": float(np.mean(count)), "silhouette": float(np.mean(quality))}
             mean = {name: float(np.mean([run[name] for run in runs])) for name in runs[0]}
             spread = {name: f" ± {1e3 * np.std([run[name] for run in runs], ddof=1):.2g}" if len(runs) > 1 else "" for name in ERRORS}
-            print(f"| {label} | {rows[label]['segments']:.3g} | {rows[label]['silhouette']:.3f} | {mean['steps']:.0f} | "
-                  f"{mean['ms_per_step']:.1f} | " + " | ".join(f"{1e3 * mean[name]:.3g}{spread[name]}" for name in ERRORS) + " |", flush=True)
+            cells = [label, f"{rows[label]['segments']:.3g}", f"{rows[label]['silhouette']:.3f}", f"{mean['steps']:.0f}",
+                     f"{mean['ms_per_step']:.1f}", *(f"{1e3 * mean[name]:.3g}{spread[name]}" for name in ERRORS)]
+            print("| " + " | ".join(cells) + " |", flush=True)
     if options.json:
         Path(options.json).write_text(json.dumps({"vary": options.vary, "seconds": options.seconds, "rows": rows}, indent=1))
 
