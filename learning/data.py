@@ -48,6 +48,7 @@ from datagen.trajectory import Trajectory, problems, read_trajectory
 from learning.config import TrainConfig
 from learning.estimate import Estimate, estimate
 from learning.graph import Graph, Skeleton, build_graph, build_skeleton
+from learning.segment_quality import auto_segment
 from learning.segments import segment
 from physics.schema import InputError
 
@@ -132,11 +133,18 @@ def build_case(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[
         targets: the frames to predict, ascending; all but frame 0 by default
         cache: folder of estimates made before
     """
-    segments = segment(trajectory, count=config.segments, method=config.method, tau=config.tau)
     if targets is None:
         targets = np.arange(1, len(trajectory.displacement))
     found = estimate(trajectory, targets, cache=cache) if config.estimate else None
-    return Case(trajectory, build_skeleton(trajectory, segments), targets, found)
+    return Case(trajectory, build_skeleton(trajectory, segments_of(trajectory, config)), targets, found)
+
+
+def segments_of(trajectory: Trajectory, config: TrainConfig) -> NDArray[np.int32]:
+    """(N,) segment of each node, as a config wants them. Raises `InputError` for a mesh that cannot be segmented so."""
+    if isinstance(config.segments, str):
+        return auto_segment(trajectory, method=config.method, tau=config.tau, modes=config.modes, mode_count=config.mode_count)[0]
+    return segment(trajectory, count=config.segments, method=config.method, tau=config.tau, modes=config.modes,
+                   mode_count=config.mode_count)
 
 
 def describe(case: Case, target: int, now: NDArray[np.floating], before: NDArray[np.floating], config: TrainConfig) -> Sample:
