@@ -37,7 +37,7 @@ from learning.checkpoint import Model, State, load_weights, read_state, write_st
 from learning.config import TrainConfig
 from learning.data import Case, Normaliser, all_frames, chances, fingerprint, fit_normaliser, load_cases, sample
 from learning.graph import join
-from learning.m4gn import M4GN
+from learning.m4gn import M4GN, products
 from learning.rollout import rollout_error
 from learning.seen import seen, write_seen
 from physics.schema import InputError, to_table
@@ -105,7 +105,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
     first_step, first_second = about["step"], time.perf_counter()
     ended = about["step"] >= last or progress(config, about["step"], about["seconds"]) >= 1
 
-    with curve, tqdm(total=100, desc="train", disable=None, bar_format=BAR) as bar:
+    with curve, tqdm(total=100, desc="train", disable=None, bar_format=BAR) as bar, products(config.network):
         while not ended:
             rate = learning_rate(config, progress(config, about["step"], time.perf_counter() - start))
             optimizer.param_groups[0]["lr"] = rate

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from learning.graph import Graph, build_graph, build_skeleton, join
-from learning.m4gn import M4GN, M4GNConfig, mean_of_segments
+from learning.graph import build_graph, build_skeleton, join
+from learning.m4gn import M4GN, M4GNConfig, mean_of_segments, products
 from learning.segments import segment
 from physics.schema import InputError
+from tests import plain_m4gn
 from tests.synthetic import bending
 
 SMALL = M4GNConfig(hidden=16, message_steps=3, transformer_layers=2, heads=4)
@@ -34,29 +35,30 @@ def graph(count=7, step=3, *, shift=(0.0, 0.0, 0.0), **scene):
 
 
 @torch.no_grad()
-def naive(network: Any, graph: Graph):
-    """The module's equations written down literally, for a single graph."""
-    h, e = network.encode_node(graph.node), network.encode_mesh(graph.mesh_edge)
-    w = network.encode_contact(graph.contact_edge)
-    for step in network.process:
-        (s, r), (a, b) = graph.mesh_pair, graph.contact_pair
-        e, w = e + step.mesh(torch.cat([e, h[s], h[r]], 1)), w + step.contact(torch.cat([w, h[a], h[b]], 1))
-        sums = [torch.stack([latent[to == i].sum(0) for i in range(len(h))]) for latent, to in ((e, r), (w, b))]
-        h = h + step.node(torch.cat([h, *sums], 1))
-    s = network.encode_segment(torch.stack([h[graph.segment == k].mean(0) for k in range(len(graph.graph_of_segment))]))
-    for block in network.transform:
-        parts = block.query_key_value(block.norm_attention(s)).chunk(3, dim=1)
-        q, k, v = (part.view(len(s), block.heads, -1).transpose(0, 1) for part in parts)
-        weight = torch.softmax(q @ k.transpose(1, 2) / q.shape[-1] ** 0.5, dim=-1)
-        s = s + block.out((weight @ v).transpose(0, 1).reshape(s.shape))
-        s = s + block.feed(block.norm_feed(s))
-    return network.decode(torch.cat([h, s[graph.segment]], 1))
-
-
-@torch.no_grad()
 def test_the_fast_network_is_the_plain_one(network):
     for case in (graph(), graph(gap=0.05, travel=0.001)):
-        assert torch.allclose(network(case), naive(network, case), **TOLERANCE)
+        assert torch.allclose(network(case), plain_m4gn.forward(network, case), **TOLERANCE)
+
+
+@pytest.mark.parametrize("precision, error", [
+    ("medium", 1e-2),  # as bfloat16 where the processor rounds products, 1e-6 elsewhere
+    ("bfloat16", 4e-2),  # 2^-9 for each rounding, some 50 roundings one after the other
+])
+def test_reduced_precision_gives_about_the_same(network, precision, error):
+    case, config = graph(), replace(SMALL, precision=precision)
+    rough = M4GN(config)
+    rough.load_state_dict(network.state_dict())
+    with products(config):
+        found = rough(case)
+        found.square().sum().backward()
+    assert found.dtype == torch.float32
+    assert (found - network(case)).norm() < error * network(case).norm()
+    network(case).square().sum().backward()
+    pairs = list(zip(rough.parameters(), network.parameters(), strict=True))
+    off = sum(float((mine.grad - exact.grad).square().sum()) for mine, exact in pairs)
+    assert off < error**2 * sum(float(exact.grad.square().sum()) for _, exact in pairs)
+    network.zero_grad()
+    assert torch.get_float32_matmul_precision() == "highest"
 
 
 @torch.no_grad()
