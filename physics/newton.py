@@ -27,6 +27,7 @@ Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-6  # residual force over reaction
 NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
+LOSS, SELDOM = 0.3, 0.05  # when the next look at stability comes: loss of the softest mode's stiffness, share of the loading
 REACH = 2.0  # and up to this many cell sizes away they are looked at
 ITERATIONS = 12  # Newton steps before a state is given up
 TURNED = 0.035  # of the body's smallest extent that a node may move before the factor that corrects predictions is made anew
@@ -110,6 +111,7 @@ class Newton:
         self._fresh, self._excess, self._stale = 2, 0, True  # steps a new factor needed, steps beyond them since, worn out
         self._factored_at = np.empty(0)  # displacements (N, 3) of the kept factor
         self._giving = 0  # negative eigenvalues of K' at the last step
+        self._softest, self._unseen, self._trusted = 0.0, 0.0, 0.0  # of `_watch`
         self._zone: Zone | None = None
         self._mixing = Mixing()
 
@@ -119,6 +121,12 @@ class Newton:
         Raises:
             NoEquilibrium: not even a factor made anew at each step leads to one, or to one that is stable
         """
+        state = self._near(fraction, start, last)
+        self._watch(state, fraction - last.fraction)
+        return state
+
+    def _near(self, fraction: float, start: Floats, last: State) -> State:
+        """As `equilibrium`, but an old factor may not show that a state is unstable."""
         if not self._stale:
             try:
                 state = self._newton(fraction, start, last)
@@ -134,6 +142,48 @@ class Newton:
             state = self._newton(fraction, start, last, renew=True)
         self._fresh = state.iterations
         return state
+
+    def _watch(self, state: State, stride: float) -> None:
+        """Factor the stiffness at a state anew, when it is time to, to see whether it is stable. Raises `NoEquilibrium`.
+
+        An old factor leads to unstable states as well. The next look comes before the softest mode, whose stiffness is followed
+        from look to look, would have lost LOSS of it, after at most twice as much of the loading as from the last look to this
+        one, and SELDOM of it at most.
+        """
+        self._unseen += stride
+        if self._unseen < self._trusted or self.balance.scene.material.law == "linear":
+            return
+        if not self._softest:
+            self._refactor(np.zeros_like(state.u))
+            self._softest = self._softest_mode()
+        self._refactor(state.u)
+        self._stale, self._giving = True, 1
+        self._check_stable(self._touch(state.fraction, state.u, state.pressure))
+        self._stale, softest = False, self._softest_mode()
+        loss = max(0.0, self._softest - softest) / softest / self._unseen  # of stiffness, for each part of the loading
+        self._trusted = min(LOSS / max(loss, LOSS), 2 * self._unseen, SELDOM)
+        self._softest, self._unseen = softest, 0.0
+
+    def _softest_mode(self) -> float:
+        """The stiffness of about the softest motion (N, 3) under forces that are its own multiple, by the factor [N/m]."""
+        mode = np.where(self.balance.fixed, 0.0, np.cos(np.arange(self.balance.fixed.size).reshape(-1, 3)))
+        for _ in range(3):  # inverse iteration; other modes are some times stiffer, and need not be gone
+            mode = self.factor.solve(mode / np.linalg.norm(mode))
+        return 1 / float(np.linalg.norm(mode))
+
+    def led(self, u: Floats, target: Floats) -> Floats:
+        """Displacements (N, 3), to first order, when the held components of u (N, 3) are led to their targets (N, 3).
+
+        Moved alone they would turn the cells beside them inside out. Raises `NoEquilibrium` when the stiffness has no factor.
+        """
+        way = np.where(self.balance.fixed, target - u, 0.0)
+        if abs(way).max() <= GAP_TOLERANCE * self.balance.size:
+            return u + way
+        short = 1e-4 * self.balance.size / abs(way).max()  # the force against a way so short is linear in it
+        force = self.balance.elasticity.force
+        if self._stale:
+            self._refactor(u)
+        return u + way + self.factor.solve((force(u) - force(u + short * way)) / short)
 
     def polished(self, fraction: float, state: State) -> State:
         """The stable equilibrium beside a state, with a new factor at each step. Raises `NoEquilibrium`."""
@@ -154,6 +204,10 @@ class Newton:
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
 
+    def outdate(self) -> None:
+        """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
+        self._stale = True
+
     def improve(self, fraction: float, start: Floats, last: State, *, count: int) -> State:
         """At most `count` Newton steps from a start (N, 3), contact included; fewer when they reach an equilibrium.
 
@@ -166,8 +220,13 @@ class Newton:
         """
         balance, outer, state = self.balance, fraction * self.balance.load, last
         limit = TURNED * float(np.ptp(balance.mesh.points, axis=0).min())
-        if self._stale or np.sqrt(((last.u - self._factored_at) ** 2).sum(axis=1).max()) > limit:
-            self._refactor(last.u)  # an equilibrium, or nearly one; a bad guess may be anything
+        # Corrected by a single step, the last state may be farther from equilibrium than this guess, and so on from frame to frame;
+        # corrected by more it is smoother than any guess, whose noise stiffens and softens cells at random.
+        best = start if count == 1 else last.u
+        if self._stale or np.sqrt(((best - self._factored_at) ** 2).sum(axis=1).max()) > limit:
+            self._refactor(best)
+            if self.factor is not self._definite:  # a guess so bad that the body would buckle
+                self._refactor(last.u)
         u, pressure = start, last.pressure
         touch = self._touch(fraction, u, pressure)
         force = balance.elasticity.force(u) - outer
@@ -183,7 +242,8 @@ class Newton:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """All that the next equilibrium depends on besides its start: what `recall` takes."""
-        kept = {"counts": np.array([self.factorisations, self._fresh, self._excess])}
+        kept = {"counts": np.array([self.factorisations, self._fresh, self._excess]),
+                "watch": np.array([self._softest, self._unseen, self._trusted])}
         if self._zone is not None:
             kept |= {"zone": self._zone.made_at, "zone_centre": self._zone.made_with}
         if not self._stale:
@@ -208,6 +268,7 @@ class Newton:
             if "mixing_u" in memory:
                 self._mixing.differences = list(zip(*(memory[f"mixing_{name}"] for name in "usp"), strict=True))
         self.factorisations, self._fresh, self._excess = (int(count) for count in memory["counts"])
+        self._softest, self._unseen, self._trusted = (float(value) for value in memory["watch"])
 
     def _refactor(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3); where it is not positive definite, by the method that bears it."""
