@@ -20,6 +20,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,9 +71,9 @@ def ways(graph: Graph) -> dict[str, tuple[M4GN, Run]]:
     found: dict[str, tuple[M4GN, Run]] = {}
     for precision in PRECISIONS:
         network = network_in(precision)
-        found[precision] = network, lambda network=network: network(graph)
+        found[precision] = network, partial(network, graph)
     network = network_in("float32")
-    return {"plain": (network, lambda: plain_m4gn.forward(network, graph)), **found}
+    return {"plain": (network, partial(plain_m4gn.forward, network, graph)), **found}
 
 
 def cost(run: Callable[[], Any]) -> float:
@@ -105,28 +106,26 @@ def versus(repeats: int, size: int) -> dict[str, Any]:
     graph, free, target = batch_of(CELLS["1.5 k"], size)
     found = ways(graph)
     times: dict[str, dict[str, list[float]]] = {way: {"predict": [], "learn": []} for way in found}
-    results: dict[str, tuple[Tensor, Tensor]] = {}
     peaks: dict[str, float] = {}
-    operations: dict[str, tuple[float, float]] = {}
     for _ in range(repeats):
         for way, (network, forward) in found.items():
             with products(network_config(way)):
                 peaks[way] = max(peaks.get(way, 0.0), peak(way))
-                times[way]["predict"].append(cost(lambda forward=forward: predict(forward)))
-                times[way]["learn"].append(cost(lambda forward=forward, network=network: learn(forward, network, free, target)))
-                if way not in results:
-                    results[way] = predict(forward), learn(forward, network, free, target)
-                    operations[way] = counted(lambda: predict(forward)), counted(lambda: learn(forward, network, free, target))
-    rows = {}
-    for way in found:
-        first, second = (min(times[way][kind]) for kind in ("predict", "learn"))
-        rows[way] = {
-            "predict_ms": 1e3 * first / size, "learn_ms": 1e3 * second / size,
-            "predict_ratio": min(times["plain"]["predict"]) / first, "learn_ratio": min(times["plain"]["learn"]) / second,
-            "error": relative(results[way][0], results["plain"][0]), "gradient_error": relative(results[way][1], results["plain"][1]),
-            "peak_share_predict": operations[way][0] / first / peaks[way], "peak_share_learn": operations[way][1] / second / peaks[way],
-            "gflop_predict": operations[way][0] / size / 1e9, "peak_gflops": peaks[way] / 1e9,
-            "where": where(found[way][1], found[way][0], free, target, network_config(way))}
+                times[way]["predict"].append(cost(partial(predict, forward)))
+                times[way]["learn"].append(cost(partial(learn, forward, network, free, target)))
+    rows: dict[str, dict[str, Any]] = {}
+    exact: list[Tensor] = []
+    for way, (network, forward) in found.items():
+        runs = {"predict": partial(predict, forward), "learn": partial(learn, forward, network, free, target)}
+        row: dict[str, Any] = {"peak_gflops": peaks[way] / 1e9}
+        with products(network_config(way)):
+            results = [run() for run in runs.values()]
+            exact = exact or results  # of the first way, the plain one
+            for (kind, run), result, right in zip(runs.items(), results, exact, strict=True):
+                seconds = min(times[way][kind])
+                row |= {f"{kind}_ms": 1e3 * seconds / size, f"{kind}_ratio": min(times["plain"][kind]) / seconds,
+                        f"{kind}_error": relative(result, right), f"{kind}_share": counted(run) / seconds / peaks[way]}
+            rows[way] = {**row, "where": where(runs["learn"])}
     return {"nodes": len(graph.node) // size, "edges": len(graph.mesh_edge) // size, "contact_edges": len(graph.contact_edge) // size,
             "batch": size, "torch": torch.__version__, "processor": processor(), "rows": rows}
 
@@ -146,10 +145,10 @@ def relative(found: Tensor, exact: Tensor) -> float:
     return float((found - exact).norm() / exact.norm())
 
 
-def where(forward: Run, network: M4GN, free: Tensor, target: Tensor, config: M4GNConfig) -> dict[str, float]:
+def where(run: Run) -> dict[str, float]:
     """Shares of the time of a training step."""
-    with products(config), profile(activities=[ProfilerActivity.CPU]) as profiler:
-        learn(forward, network, free, target)
+    with profile(activities=[ProfilerActivity.CPU]) as profiler:
+        run()
     events = profiler.key_averages()
     total = sum(event.self_cpu_time_total for event in events)
     shares = {part: sum(e.self_cpu_time_total for e in events if e.key in names) / total for part, names in PARTS.items()}
@@ -212,8 +211,8 @@ def main() -> None:
               "| share of peak, prediction, training |\n|---|---:|---:|---:|---:|---:|---:|")
         for way, row in found["rows"].items():
             print(f"| {way} | {row['predict_ms']:.0f} | {row['predict_ratio']:.1f} | {row['learn_ms']:.0f} | {row['learn_ratio']:.1f} | "
-                  f"{row['error']:.0e}, {row['gradient_error']:.0e} | "
-                  f"{row['peak_share_predict']:.0%}, {row['peak_share_learn']:.0%} of {row['peak_gflops']:.0f} GFLOP/s |")
+                  f"{row['predict_error']:.0e}, {row['learn_error']:.0e} | "
+                  f"{row['predict_share']:.0%}, {row['learn_share']:.0%} of {row['peak_gflops']:.0f} GFLOP/s |")
         for way, row in found["rows"].items():
             print(f"\n{way}: " + ", ".join(f"{part} {share:.0%}" for part, share in row["where"].items()), end="")
         print()

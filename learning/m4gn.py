@@ -37,7 +37,6 @@ from torch.nn.functional import linear, scaled_dot_product_attention
 from learning.graph import CONTACT_EDGE_FEATURES, MESH_EDGE_FEATURES, NODE_FEATURES, Graph
 from physics.schema import InputError, quantity
 
-
 PRECISIONS = ("float32", "medium", "bfloat16")
 
 
