@@ -209,10 +209,11 @@ def _check_same_run(saved: dict[str, Any], asked: dict[str, Any], out: Path) -> 
     saved = {**saved, "config": to_table(read_table(TrainConfig, saved["config"]))}  # with the defaults of keys it did not know
     if saved["fingerprint"] != asked["fingerprint"]:
         raise InputError(f"{out} was trained on other data: it cannot be resumed with these files")
-    keys = (saved["config"].keys() | asked["config"].keys()) - {"steps", "budget_seconds"}
-    changed = sorted(key for key in keys if saved["config"].get(key) != asked["config"].get(key))
+    trained = to_table(read_table(TrainConfig, saved["config"], f"{out}: config"))  # keys of later versions at their defaults
+    keys = (trained.keys() | asked["config"].keys()) - {"steps", "budget_seconds"}
+    changed = sorted(key for key in keys if trained.get(key) != asked["config"].get(key))
     if changed:
-        raise InputError(f"{out} was trained with another {changed[0]} ({saved['config'].get(changed[0])}, "
+        raise InputError(f"{out} was trained with another {changed[0]} ({trained.get(changed[0])}, "
                          f"not {asked['config'].get(changed[0])}): it cannot be resumed")
 
 
