@@ -121,7 +121,8 @@ def simulate(options: Options) -> dict[str, Any]:
               "largest_relative_residual": float(solution.relative_residual.max()),
               "largest_penetration": float(solution.penetration.max()),
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
-              "model": trajectory.extra["model"], "seconds": solution.seconds, "resumed_after_step": solution.resumed}
+              "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
+              "resumed_after_step": solution.resumed}
     _say(options, f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
                   f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
     for what, why in result["model"].items():

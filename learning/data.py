@@ -136,8 +136,9 @@ def build_case(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[
     """
     if targets is None:
         targets = np.arange(1, len(trajectory.displacement))
+    skeleton = build_skeleton(trajectory, segments_of(trajectory, config), overlap=config.overlap, walk=config.network.walk)
     found = estimate(trajectory, targets, cache=cache) if config.estimate else None
-    return Case(trajectory, build_skeleton(trajectory, segments_of(trajectory, config)), targets, found)
+    return Case(trajectory, skeleton, targets, found)
 
 
 def segments_of(trajectory: Trajectory, config: TrainConfig) -> NDArray[np.int32]:

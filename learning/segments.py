@@ -20,8 +20,6 @@ Symmetric meshes have nodes at equal distance from several segments. Distances t
 then a node stays, or goes to the segment of the lower number, and rounding decides nothing (modes are stored in single
 precision, and packed to 1e-6).
 
-Overlap: a node may also belong to every segment of a mesh neighbour, so that V_k becomes V_k + Adj(V_k) (`overlap`).
-
 Legend: N nodes of the body, E edges (each in both directions, sorted by their first node), K segments, F features.
 Source: Lei et al., M4GN, algorithm 2; Karypis and Kumar 1998 (METIS); Achanta et al. 2012 (SLIC).
 """
@@ -101,22 +99,6 @@ def segment(trajectory: Trajectory, *, count: int = 19, method: str = "slic-mdod
     result = np.full(len(trajectory.points), label.max() + 1, np.int32)
     result[trajectory.body] = label
     return result
-
-
-def overlap(segments: NDArray[np.integer], pairs: Integers) -> Integers:
-    """Which segments nodes belong to besides their own: those of their mesh neighbours.
-
-    Args:
-        segments: (N,) own segment of each node
-        pairs: (2, E) senders and receivers of the mesh edges, in both directions
-
-    Returns:
-        (2, M) nodes and further segments, each pair once, sorted by node
-    """
-    node, other = pairs[0], segments[pairs[1]].astype(np.int64)
-    away = other != segments[node]
-    count = int(segments.max()) + 1
-    return np.stack(np.divmod(np.unique(node[away] * count + other[away]), count))
 
 
 def body_graph(trajectory: Trajectory) -> csr_matrix:

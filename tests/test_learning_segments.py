@@ -9,8 +9,8 @@ from scipy.sparse.csgraph import connected_components
 
 from datagen.trajectory import NORMAL, OBSTACLE, WALL, at_rest
 from learning.features import METHODS, features
-from learning.graph import mesh_edges
-from learning.segments import body_graph, ends, overlap, segment
+from learning.graph import mesh_edges, neighbours
+from learning.segments import body_graph, ends, segment
 from physics.mesh import build_mesh
 from physics.scene import Body
 from physics.schema import InputError
@@ -136,11 +136,11 @@ def test_the_obstacle_feature_is_the_distance_its_logarithm_or_its_exponential()
 
 def test_overlap_is_one_ring_of_neighbours():
     trajectory = bending()
-    label = segment(trajectory, count=7)
+    label = segment(trajectory, count=7).astype(np.int64)
     edges = mesh_edges(trajectory)
     pairs = np.concatenate([edges, edges[:, ::-1]]).T
-    expected = {(i, k) for k in range(8) for i in pairs[1, label[pairs[0]] == k].tolist() if label[i] != k}  # Adj(V_k) \\ V_k
-    found = overlap(label, pairs)
+    expected = {(i, k) for k in range(8) for i in pairs[1, label[pairs[0]] == k].tolist() if label[i] != k}  # Adj(V_k) less V_k
+    found = neighbours(label, pairs)
     assert {(i, k) for i, k in found.T.tolist()} == expected and found.shape[1] == len(expected)
     assert (np.diff(found[0]) >= 0).all()
     assert not (found[1] == 7).any()  # the obstacle's mesh touches nobody's
