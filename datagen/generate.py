@@ -81,7 +81,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         modes=shapes.astype(np.float32), frequencies_hz=tuple(float(hz) for hz in modes.frequencies_hz),
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
-                   "relative_residual": solution.relative_residual},
+                   "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released},
         scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
         extra={"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "linear_steps": solution.linear_steps,
                "seconds": solution.seconds, "factorisations": solution.factorisations, "failure": solution.failure})

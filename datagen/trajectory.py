@@ -22,6 +22,8 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         smallest_det_f          (T,) float64
         newton_iterations       (T,) int64
         relative_residual       (T,) float64     |residual force| / |reaction|
+        snap                    (T,) float64     [m] farthest way of a node without equilibria between, mostly 0 (physics/snap.py)
+        released                (T,) float64     [J] stored energy and work of dead loads lost on that way
       Steps                     @NSteps T; Values (T,) 0 .. steps; offsets that tell a reader where each frame starts
     /                           @schema, @scene (TOML), @seed, @index, @versions (JSON), @commit, @complete, @frequencies_hz,
                                 @extra (JSON: whatever else the writer knows, such as the run that made a rollout)
@@ -50,7 +52,7 @@ SCHEMA = 1
 NORMAL, OBSTACLE, HANDLE = 0, 1, 3
 KINDS = (0, 1, 2, 3, 4, 5, 6)
 NODES_OF_TYPE = {5: 3, 9: 4, 10: 4, 12: 8, 13: 6}
-PER_FRAME = ("reaction", "energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual")
+PER_FRAME = ("reaction", "energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual", "snap", "released")
 
 
 @dataclass(frozen=True, kw_only=True)

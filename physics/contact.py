@@ -182,3 +182,11 @@ class Zone:
         """G (k, 3 n): derivative of the gaps of k of its points by the components of n of its nodes that hold all of theirs."""
         weights = self.weights[points[:, None], nodes]  # (k, n)
         return (weights[:, :, None] * normal[points][:, None, :]).reshape(len(points), -1)
+
+    def bend(self, points: NDArray[np.int64], nodes: NDArray[np.int64], pressure: Floats, u: Floats, centre: Floats) -> Floats:
+        """B (b, 3 n): forces (k,) on a round obstacle take B^T B from the stiffness of n nodes, for their normals turn."""
+        weights = self.weights[points[:, None], nodes]  # (k, n)
+        positions = weights @ (self._rest + u[self.nodes])[nodes]
+        rows = self._contact.obstacle.bend(positions, centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
+        rows = weights[:, None, :, None] * rows[:, :, None, :]  # (k, 2, n, 3)
+        return rows[rows.any(axis=(2, 3))].reshape(-1, 3 * len(nodes))

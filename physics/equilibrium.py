@@ -6,8 +6,9 @@ states, of the order that would have predicted the last one best. Before anythin
 
 A path can be kept in a journal (journal.py) and gone on with after a kill, to the same bits as if nothing had happened.
 
-A step without an equilibrium is taken in two halves, down to 2^-HALVINGS of a step; then the path ends with a clear failure
-that keeps what was solved before. A step in which the obstacle could jump through the body is halved beforehand.
+A step without an equilibrium is taken in two halves, down to 2^-HALVINGS of a step; then the body is left to itself (snap.py).
+Where it does not come to rest the path ends with a clear failure that keeps what was solved before. A step in which the
+obstacle could jump through the body is halved beforehand.
 
 Legend: N nodes, Q contact points, T steps + 1.
 """
@@ -31,6 +32,7 @@ from physics.mesh import Mesh, build_mesh
 from physics.newton import Newton, NoEquilibrium, State
 from physics.quality import smallest_det_f
 from physics.scene import Scene
+from physics.snap import Relaxation
 
 Floats = NDArray[np.float64]
 
@@ -49,6 +51,8 @@ class Solution:
     smallest_det_f: Floats  # (T,)
     newton_iterations: NDArray[np.int64]  # (T,)
     relative_residual: Floats  # (T,) |residual| / |reaction|
+    snap: Floats  # (T,) [m] the farthest that a node moved in this step without equilibria between (snap.py)
+    released: Floats  # (T,) [J] by which the potential fell in that motion
     factorisations: int
     halvings: int
     model: dict[str, str]  # what was modelled, and why
@@ -70,6 +74,7 @@ class Path:
         contact = self.balance.contact
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(0 if contact is None else len(contact.surface.area)))]
         self.order, self.halvings = 0, 0
+        self.snap, self.released = 0.0, 0.0  # since the last frame
 
     def advance(self, fraction: float, depth: int = 0) -> State:
         """The equilibrium at a later fraction of the loading, in two halves where it cannot be had in one."""
@@ -88,7 +93,7 @@ class Path:
                 return self._append(state)
         except NoEquilibrium as error:
             if depth == HALVINGS and (self.linear is None or self.linear.asked):
-                raise NoEquilibrium(f"{error} after {HALVINGS} halvings; {self._advice()}") from None
+                return self._snap(fraction, error)
         if self.linear is not None and not self.linear.asked:
             self._leave_linear()
             return self.advance(fraction, depth)
@@ -104,12 +109,13 @@ class Path:
 
     def frame(self) -> Arrays:
         """What is reported of the last state; each of the arrays is a row of one in `Solution`."""
-        state = self.states[-1]
+        state, snap, released = self.states[-1], self.snap, self.released
+        self.snap = self.released = 0.0
         self.linear_steps += self.linear is not None and state.fraction > 0
         energy = self.balance.elasticity.energy(state.u) if state.u.any() else 0.0
         found: dict[str, Any] = {
             "displacement": state.u, "reaction": state.reaction, "energy": energy, "penetration": state.penetration,
-            "newton_iterations": state.iterations, "relative_residual": state.residual}
+            "newton_iterations": state.iterations, "relative_residual": state.residual, "snap": snap, "released": released}
         return {name: np.asarray(value) for name, value in found.items()}
 
     def memory(self) -> Arrays:
@@ -131,6 +137,16 @@ class Path:
             self.linear.recall(memory)
         self.kinematics = str(memory["kinematics"])
         self.newton.recall({name.removeprefix("newton_"): array for name, array in memory.items() if name.startswith("newton_")})
+
+    def _snap(self, fraction: float, error: NoEquilibrium) -> State:
+        """The equilibrium that the body moves to when the path of the last one ends."""
+        try:
+            state, moved, released = Relaxation(self.balance).settle(fraction, self.states[-1], self.newton)
+        except NoEquilibrium as lost:
+            raise NoEquilibrium(f"{error} after {HALVINGS} halvings; {lost}; {self._advice()}") from None
+        self.snap, self.released = max(self.snap, moved), self.released + released
+        self.states, self.order = [state], 0
+        return state
 
     def model(self) -> dict[str, str]:
         """What is modelled, and why, in words."""
@@ -222,7 +238,8 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal
     rows = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
     return Solution(
         mesh=mesh, **rows, smallest_det_f=smallest_det_f(mesh.points, rows["displacement"], mesh.cells, mesh.cell),
-        factorisations=path.newton.factorisations, halvings=path.halvings, model=path.model(), linear_steps=path.linear_steps,
+        factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
+        model=path.model() | snapped(rows["snap"]),
         seconds=spent + time.perf_counter() - started, resumed=resumed, failure=failure)
 
 
@@ -232,3 +249,12 @@ def identity(scene: Scene, mesh: Mesh) -> str:
     for array in (mesh.points, mesh.cells):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def snapped(snap: Floats) -> dict[str, str]:
+    """In which steps the body snapped, in words; snap (T,) [m] as in `Solution`."""
+    steps = np.flatnonzero(snap)
+    if not len(steps):
+        return {}
+    named = ", ".join(map(str, steps[:5])) + (f" and {len(steps) - 5} more" if len(steps) > 5 else "")
+    return {"snaps": f"at step {named} the body moved by up to {snap.max():.3g} m without an equilibrium between, as in a viscous medium"}

@@ -52,12 +52,43 @@ class State:
 
 @dataclass
 class Touch:
-    """Contact at one state: gaps (q,) [m], normals (q, 3) and forces (q,) [N] at the points of a zone."""
+    """Contact at displacements u (N, 3): gaps (q,) [m], normals (q, 3) and forces (q,) [N] at the points of a zone."""
 
     zone: Zone
+    u: Floats
+    centre: Floats  # (3,) of the obstacle
     gap: Floats
     normal: Floats
     pressure: Floats
+
+    def rows(self, points: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Of k points of the zone: n nodes of it behind them, G (k, 3 n) their gaps' gradient, and B (b, 3 n) of `Zone.bend`."""
+        nodes = np.flatnonzero(self.zone.weights[points].any(axis=0))
+        pressed = points[self.pressure[points] > 0]
+        return (nodes, self.zone.gradient(points, nodes, self.normal),
+                self.zone.bend(pressed, nodes, self.pressure[pressed], self.u, self.centre))
+
+
+class _Condensed:
+    """A body of stiffness K' = K - B^T B as k points of contact feel it: B is what a round obstacle takes from it.
+
+    By Woodbury's formula, with the compliance K^-1 of the kept factor, T = 1 - B K^-1 B^T and X = B K^-1 G^T:
+
+    matrix: (k, k) G K'^-1 G^T + diag(c) = G K^-1 G^T + X^T T^-1 X + diag(c)
+    across: (b, k) X
+    negative: eigenvalues of K' below zero: those of K and those of T
+    """
+
+    def __init__(self, matrix: Floats, across: Floats, left: Floats, negative: int) -> None:
+        self.across, self.negative = across, negative
+        if np.trace(left) < len(left) - 1:  # else no eigenvalue of B K^-1 B^T can reach 1
+            self.negative += int((np.linalg.eigvalsh(left) < 0).sum())
+        self._inverse = np.linalg.inv(left) if len(left) else left
+        self.matrix = matrix + across.T @ self._inverse @ across
+
+    def turn(self, rows: Floats) -> Floats:
+        """T^-1 times (b,)."""
+        return self._inverse @ rows
 
 
 class Newton:
@@ -68,6 +99,8 @@ class Newton:
         tolerance: of the residual force, over the reaction
     """
 
+    round_obstacle = True  # its curvature is part of the tangent
+
     def __init__(self, balance: Balance, *, tolerance: float = TOLERANCE) -> None:
         self.balance, self.tolerance = balance, tolerance
         self.factor: Factor = factor_for(balance.elasticity)
@@ -76,6 +109,7 @@ class Newton:
         self._general: SparseFactor | None = None  # for states whose stiffness is not positive definite
         self._fresh, self._excess, self._stale = 2, 0, True  # steps a new factor needed, steps beyond them since, worn out
         self._factored_at = np.empty(0)  # displacements (N, 3) of the kept factor
+        self._giving = 0  # negative eigenvalues of K' at the last step
         self._zone: Zone | None = None
         self._mixing = Mixing()
 
@@ -100,6 +134,14 @@ class Newton:
             state = self._newton(fraction, start, last, renew=True)
         self._fresh = state.iterations
         return state
+
+    def polished(self, fraction: float, state: State) -> State:
+        """The stable equilibrium beside a state, with a new factor at each step. Raises `NoEquilibrium`."""
+        found = self._newton(fraction, state.u, state, renew=True)
+        self._refactor(found.u)
+        self._giving = 1  # look again
+        self._check_stable(self._touch(fraction, found.u, found.pressure))
+        return found
 
     def correction(self, fraction: float, u: Floats) -> Floats:
         """One Newton step (N, 3), contact included, from any displacements (N, 3) at a fraction of the loading.
@@ -218,7 +260,7 @@ class Newton:
         if self._zone is None or not self._zone.covers(u, centre, NEAR * self.balance.size):
             self._zone = contact.zone(u, centre, REACH * self.balance.size)
         gap, normal = self._zone.gaps(u, centre)
-        return Touch(self._zone, gap, normal, pressure[self._zone.points])
+        return Touch(self._zone, u, centre, gap, normal, pressure[self._zone.points])
 
     def _on_surface(self, touch: Touch, like: Floats) -> Floats:
         """(Q,) the contact forces on the whole surface."""
@@ -228,46 +270,56 @@ class Newton:
 
     def _step(self, force: Floats, touch: Touch | None) -> Floats:
         """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
+        self._giving = self.factor.negative
         free = self.factor.begin(-force)  # were there no contact
         if touch is None:
             return self.factor.finish(free)
         near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
-        touched, touch.pressure = touch.pressure[near] > 0, np.zeros_like(touch.gap)
         if not len(near):
+            touch.pressure = np.zeros_like(touch.gap)
             return self.factor.finish(free)
-        zone = touch.zone
-        nodes = np.flatnonzero(zone.weights[near].any(axis=0))
-        gradient = zone.gradient(near, nodes, touch.normal)  # (k, 3 n)
-        matrix = self._contact_matrix(touch, near, nodes, gradient)
-        gap = touch.gap[near] + gradient @ self.factor.at(free, zone.nodes[nodes]).ravel()
+        zone, touched = touch.zone, touch.pressure[near] > 0
+        nodes, gradient, bend = touch.rows(near)
+        bend = bend if self.round_obstacle else bend[:0]
+        contact = self._condense(touch, near, nodes, gradient, bend)
+        moved = self.factor.at(free, zone.nodes[nodes]).ravel()
+        turned = contact.turn(bend @ moved)
+        gap = touch.gap[near] + gradient @ moved + contact.across.T @ turned
         try:
-            touch.pressure[near] = solve_complementarity(matrix, gap, touched, definite=not self.factor.negative)
+            pressure = solve_complementarity(contact.matrix, gap, touched, definite=not contact.negative)
         except (np.linalg.LinAlgError, RuntimeError):  # the latter when non-negative least squares do not end
             raise NoEquilibrium("the body gives way to contact without resistance") from None
-        return self.factor.finish(free, zone.nodes[nodes], (touch.pressure[near] @ gradient).reshape(-1, 3))
+        touch.pressure = np.zeros_like(touch.gap)
+        touch.pressure[near] = pressure
+        push = pressure @ gradient + (turned + contact.turn(contact.across @ pressure)) @ bend
+        return self.factor.finish(free, zone.nodes[nodes], push.reshape(-1, 3))
 
-    def _contact_matrix(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats) -> Floats:
-        """(k, k) G K^-1 G^T + diag(c) of k points of a zone, G = gradient (k, 3 n) on n of its nodes."""
-        matrix = gradient @ self.factor.compliance(touch.zone.nodes[nodes]) @ gradient.T
-        matrix[np.diag_indices(len(points))] += touch.zone.softness[points]
-        return matrix
+    def _condense(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats, bend: Floats) -> _Condensed:
+        """The body with its obstacle's roundness, as k points of a zone feel it; gradient and bend are those of `Touch.rows`."""
+        compliance, k = self.factor.compliance(touch.zone.nodes[nodes]), len(points)
+        rows = np.concatenate([gradient, bend])
+        felt = rows @ compliance @ rows.T
+        found = _Condensed(felt[:k, :k] + np.diag(touch.zone.softness[points]), felt[k:, :k], np.eye(len(bend)) - felt[k:, k:],
+                           self.factor.negative)
+        self._giving = found.negative
+        return found
 
     def _check_stable(self, touch: Touch | None) -> None:
-        """Raise `NoEquilibrium` at a state that the factor, when it is that of an indefinite stiffness, shows to be unstable.
+        """Raise `NoEquilibrium` at a state that the factor shows to be unstable.
 
-        By Sylvester's law of inertia K + G^T diag(1/c) G has as many negative eigenvalues as K has more than
-        G K^-1 G^T + diag(c) does: contact must hold the body in every direction in which it would give way by itself.
+        By Sylvester's law of inertia K' + G^T diag(1/c) G has as many negative eigenvalues as K' has more than
+        G K'^-1 G^T + diag(c) does: contact must hold the body in every direction in which it would give way by itself.
         """
-        if not self.factor.negative:
+        if not self._giving:
             return
+        self._giving = self.factor.negative
+        points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
         held = 0
-        if touch is not None and touch.pressure.any():
-            points = np.flatnonzero(touch.pressure > 0)
-            nodes = np.flatnonzero(touch.zone.weights[points].any(axis=0))
-            gradient = touch.zone.gradient(points, nodes, touch.normal)
-            held = int((np.linalg.eigvalsh(self._contact_matrix(touch, points, nodes, gradient)) < 0).sum())
-        if held < self.factor.negative:
-            raise NoEquilibrium("the body is unstable: it snaps through or buckles")
+        if touch is not None and len(points):
+            contact = self._condense(touch, points, *touch.rows(points))
+            held = int((np.linalg.eigvalsh(contact.matrix) < 0).sum())
+        if held < self._giving:
+            raise NoEquilibrium("the body is unstable: it snaps through, buckles or slips off")
 
     def _judge(self, fraction: float, u: Floats, force: Floats, touch: Touch | None, pressure: Floats, iteration: int) -> State:
         """How far displacements (N, 3) with out-of-balance forces (N, 3) and contact forces (Q,) are from equilibrium."""

@@ -9,6 +9,9 @@ normal that points from the obstacle to x. With p = x - centre, axis a, radius r
     box          |max(q, 0)| + min(max q, 0) - r             q = |p| - size/2 + r by components: edges rounded with r
     half-space   p.a                                         everything behind the plane through the centre
 
+Where the surface is round its normal turns with the point: d2g/dx2 = (1 - n n^T) / d on a sphere, d the distance from its
+centre, and without the direction of the axis on a cylinder or an edge.
+
 Legend: Q points, P surface nodes, F triangles.
 """
 
@@ -65,6 +68,29 @@ class Rigid:
         normal = np.divide(offset, distance[:, None], out=np.tile(_across(self.axis), (len(points), 1)),
                            where=distance[:, None] > 0)
         return distance - self.radius, normal
+
+    def bend(self, points: Floats, centre: Floats) -> Floats:
+        """(Q, 2, 3) [1/m^0.5] vectors t along the surface whose sum of t t^T is the second derivative of the gap there."""
+        found = np.zeros((len(points), 2, 3))
+        if self.shape == "half-space" or not self.radius:  # what touches a sharp edge lies inside, on a face
+            return found
+        gap, normal = self.gap(points, centre)
+        offset, curved = points - centre, gap + self.radius > 0
+        straight = np.broadcast_to(self.axis, points.shape)
+        ball = np.full(len(points), self.shape == "sphere")
+        if self.shape == "capsule":
+            ball = abs(offset @ self.axis) > self.length / 2
+        elif self.shape == "box":
+            beyond = abs(offset) > self.half - self.radius  # (Q, 3) the components in which a point lies beyond the faces
+            ball, curved = beyond.all(axis=1), curved & (beyond.sum(axis=1) > 1)
+            straight = np.eye(3)[beyond.argmin(axis=1)]
+        size = np.sqrt(np.divide(1.0, gap + self.radius, out=np.zeros(len(points)), where=curved))[:, None]
+        if ball.any():
+            across = np.cross(normal, np.eye(3)[abs(normal).argmin(axis=1)])
+            straight = np.where(ball[:, None], across / np.linalg.norm(across, axis=1, keepdims=True), straight)
+            found[:, 1] = straight * size * ball[:, None]
+        found[:, 0] = np.cross(straight, normal) * size
+        return found
 
     def _box(self, offset: Floats) -> tuple[Floats, Floats]:
         beyond = abs(offset) - self.half + self.radius

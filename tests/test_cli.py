@@ -87,7 +87,8 @@ def test_a_failed_simulation_keeps_its_steps(capsys, scene, tmp_path):
     from datagen.trajectory import read_trajectory
 
     squeezed = SCENE.replace("count = 10", "count = 4").replace(SCENE[SCENE.index("[obstacle]"):SCENE.index("[steps]")], "")
-    squeezed = squeezed.replace("[[support]]", '[[support]]\nwhere = "x-max"\nfixed = "xyz"\ndisplacement = [-0.08, 0, 0]\n[[support]]')
+    squeezed = squeezed.replace("x-min", "z-min")  # between its faces it is pressed flat, and further
+    squeezed = squeezed.replace("[[support]]", '[[support]]\nwhere = "z-max"\nfixed = "xyz"\ndisplacement = [0, 0, -0.03]\n[[support]]')
     scene.write_text(squeezed)
     status, out, err = run(capsys, "simulate", scene, "--out", tmp_path / "t.vtkhdf", "--json")
     assert status == 1 and out == "" and err.splitlines()[-1].startswith("fidelity: no equilibrium at step")

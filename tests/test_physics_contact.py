@@ -37,6 +37,17 @@ def test_normal_is_the_gradient_of_the_gap(shape):
     assert rigid.gap(points - gap[:, None] * normal, centre)[0] == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.parametrize("shape", OBSTACLES)
+def test_bend_is_the_second_derivative_of_the_gap(shape):
+    rigid, points = Rigid(OBSTACLES[shape]), np.random.default_rng(0).normal(size=(200, 3))
+    centre = rigid.position(0.0)
+    points = points[rigid.gap(points, centre)[0] > -0.9 * rigid.radius]  # deeper than the rounding is wide nothing is smooth
+    step = 1e-6  # central differences: order step^2, but for the few points within a step of where two regions meet: none here
+    slope = [(rigid.gap(points + step * e, centre)[1] - rigid.gap(points - step * e, centre)[1]) / (2 * step) for e in np.eye(3)]
+    bend = rigid.bend(points, centre)
+    assert np.einsum("qik,qil->qkl", bend, bend) == pytest.approx(np.transpose(slope, (1, 2, 0)), abs=1e-6)
+
+
 @pytest.mark.parametrize("shape", VOLUME)
 def test_surface_mesh_is_closed_and_lies_on_the_surface(shape):
     rigid = Rigid(OBSTACLES[shape])

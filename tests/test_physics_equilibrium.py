@@ -185,7 +185,8 @@ def test_cooks_membrane_locks_when_nearly_incompressible():
 
 @pytest.mark.parametrize("count", [1, 2, 20])
 def test_the_obstacle_cannot_jump_through_the_body(count):
-    """From above it to below it: however few steps are asked for, they meet, or the path ends clearly."""
+    """From above it to below it: however few steps are asked for, they meet, and the end of the beam slips off."""
     down = {"shape": "cylinder", "radius": 0.01, "path": [[0.05, 0.01, 0.0305], [0.05, 0.01, -0.2]]}
     solution = solve(pressed(obstacle=down, steps={"count": count}))
-    assert solution.failure or abs(solution.displacement).max() > 0.01
+    assert not solution.failure and solution.snap.max() > 0.01
+    assert abs(solution.displacement[-1]).max() < 1e-9  # free again
