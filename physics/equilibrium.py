@@ -65,8 +65,9 @@ class Solution:
 class Path:
     """The way through the equilibria of a scene."""
 
-    def __init__(self, scene: Scene, mesh: Mesh) -> None:
-        self._finite = Balance(scene, mesh)
+    def __init__(self, scene: Scene, mesh: Mesh, *, method: str | None = None, spread: bool = False) -> None:
+        """Args: method, spread: of the linear algebra, as in `factor.solver_for`."""
+        self._finite = Balance(scene, mesh, method=method, spread=spread)
         self.linear, self.kinematics = choose(scene, mesh, self._finite)  # as long as small strain is enough, and why it is not
         self.linear_steps = 0
         self.newton = self.linear.newton if self.linear else Newton(self._finite)
@@ -192,13 +193,16 @@ def extrapolate(states: list[State], fraction: float) -> Floats:
     return sum((weight * state.u for weight, state in zip(weights, states, strict=True)), np.zeros_like(states[0].u))
 
 
-def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal: str | FilePath | None = None) -> Solution:
+def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal: str | FilePath | None = None,
+          method: str | None = None, spread: bool = False) -> Solution:
     """Follow the path of a scene from rest through all of its steps.
 
     Args:
         on_step: called with the number of each step that is reached
         journal: a file that keeps the path as it grows; what it holds of an earlier run of the same scene is gone on from, also
             when that run ended in a failure: then the step that failed is tried again. It is left for the caller to delete.
+        method: "direct" or "multigrid" instead of the choice by size
+        spread: over all processes of an MPI run, which share the linear algebra; every one gets the whole answer
 
     Returns:
         the path; when a step has no equilibrium that could be found, all steps before it and `failure`
@@ -210,7 +214,7 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal
     """
     started, spent = time.perf_counter(), 0.0
     mesh = build_mesh(scene.body)
-    path, frames, failure = Path(scene, mesh), [], ""
+    path, frames, failure = Path(scene, mesh, method=method, spread=spread), [], ""
     kept = None if journal is None else Journal(journal, identity(scene, mesh))
     try:
         if kept is not None and kept.frames:

@@ -6,7 +6,8 @@ With contact forces p_q = -(g_q + G_q s) / c_q of the points A in contact, a New
 
 and A is the set of the points where p_q > 0, found by solving again until it stays (the primal-dual active set of contact.py). Points of
 contact couple nodes of one facet only, so the sum has the sparsity of K. It is assembled anew at every step, for that costs little beside
-a solution; smoothed aggregation (GAMG), told the rigid motions that K hardly resists, is set up again when the iterations it needs grow.
+a solution. The preconditioner is smoothed aggregation (GAMG) for K alone, told the rigid motions that K hardly resists and set up again
+when the iterations it needs grow, between exact solutions at the nodes in contact.
 
 Every process holds the whole body and all displacements; rows of the matrix and of the vectors are dealt out along the body's
 longest extent, so processes share assembly and solution. Legend: N nodes, C cells, q points near the obstacle, n nodes behind them.
@@ -14,9 +15,10 @@ longest extent, so processes share assembly and solution. Legend: N nodes, C cel
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -27,8 +29,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 FORCING = 1e-3  # residual of a solution over the out-of-balance force
-ENOUGH = 2e-7  # residual over the reaction below which no more is asked for
-EXACT = 1e-10  # residual over the right-hand side where nothing else is known
+ENOUGH = 0.2  # and over what is allowed in the end; the larger of the two is gone to
+EXACT = 1e-10  # residual over the right-hand side, below which none is asked for
 ITERATIONS = 1000
 SETS = 30  # of points in contact that are tried
 WORN = 1.5  # iterations over those of a new preconditioner that make it be set up again
@@ -38,15 +40,31 @@ class NotSolved(ArithmeticError):
     """Conjugate gradients came to no solution: the stiffness is not positive definite, or far too ill-conditioned."""
 
 
+@dataclass
+class Felt:
+    """Contact as q points near the obstacle feel it: n nodes (n,) behind them, the gap's gradient (q, 3 n) and what a round obstacle takes
+    from the stiffness, B^T B with B (b, 3 n), by their components; gaps (q,) [m], softness (q,) [m/N] and forces (q,) [N]."""
+
+    nodes: Integers
+    gradient: Floats
+    bend: Floats
+    gap: Floats
+    softness: Floats
+    pressed: Floats
+
+
 class Multigrid:
     """The linear algebra of a large body.
 
     Attributes:
         name: what it is, and why; negative: eigenvalues below zero, of which conjugate gradients bear none
+        worth, learned: as of a factor; there is nothing to keep
         iterations: of all solutions so far; set_ups: of the preconditioner
     """
 
     negative = 0
+    worth = 0
+    learned: tuple[Integers, ...] = ()
 
     def __init__(self, elasticity: Elasticity, *, why: str, spread: bool = False) -> None:
         """Args: why this and no factor, in words; spread: over all processes of an MPI run."""
@@ -64,7 +82,7 @@ class Multigrid:
         mine = replace(elasticity.mesh, cells=elasticity.mesh.cells[touching])
         self._part = Elasticity(mine, elasticity.material, elasticity.fixed, elasticity.element)
         self._lay_out()
-        self._ksp = self._solver()
+        self._set_matrices()
 
     def update(self, u: Floats) -> None:
         """Assemble the stiffness at displacements (N, 3)."""
@@ -74,36 +92,37 @@ class Multigrid:
 
     def solve(self, force: Floats) -> Floats:
         """K^-1 f for nodal forces (N, 3) [N]: displacements (N, 3) [m], zero on held components. Raises `NotSolved`."""
-        empty = np.empty(0, np.int64)
-        return self._solve(force, empty, np.empty((0, 0)), 0.0)
+        return self._solve(force, np.empty(0, np.int64), np.empty((0, 0)), 0.0)
 
-    def step(self, force: Floats, pressed: Floats, nodes: Integers, gradient: Floats, gap: Floats, softness: Floats) -> tuple[Floats, Floats]:
-        """One Newton step, and the contact forces after it.
+    def step(self, force: Floats, tolerance: float, felt: Felt | None = None) -> Floats:
+        """One Newton step (N, 3) from forces (N, 3) that are out of balance without contact; contact forces after it go into `felt`.
 
         Args:
-            force: (N, 3) out of balance without contact
-            pressed: (q,) contact forces of before; gap (q,) [m], its gradient (q, 3 n) by the components of n nodes, softness (q,) [m/N]
-
-        Returns:
-            (N, 3) and (q,)
+            tolerance: of the out-of-balance force, over the reaction, that is allowed in the end
 
         Raises:
             NotSolved: no solution, or no set of points in contact, was found
         """
-        known, free = force.copy(), ~self.elasticity.fixed
-        known[nodes] -= (pressed @ gradient).reshape(-1, 3)
-        reaction = float(np.linalg.norm((pressed @ gradient).reshape(-1, 3).sum(axis=0)))
-        target = max(FORCING * float(np.linalg.norm(known[free])), ENOUGH * reaction) if reaction else 0.0
-        active = pressed > 0 if pressed.any() else gap < 0
+        free = ~self.elasticity.fixed
+        if felt is None or not len(felt.gap):
+            return self._solve(-force, np.empty(0, np.int64), np.empty((0, 0)), FORCING * float(np.linalg.norm(force[free])))
+        nodes, pressed = felt.nodes, felt.pressed
+        push = (pressed @ felt.gradient).reshape(-1, 3)
+        known, reaction = force.copy(), float(np.linalg.norm(push.sum(axis=0)))
+        known[nodes] -= push
+        target = max(FORCING * float(np.linalg.norm(known[free])), ENOUGH * tolerance * reaction) if reaction else 0.0
+        active = pressed > 0 if reaction else felt.gap < 0
         for _ in range(SETS):
-            stiff = active / softness
+            stiff = active / felt.softness
             right = -force
-            right[nodes] -= ((stiff * gap) @ gradient).reshape(-1, 3)
-            moved = self._solve(right, nodes, gradient.T @ (stiff[:, None] * gradient), target)
-            following = gap + gradient @ moved[nodes].ravel() < 0
-            if (following == active).all():
-                return moved, np.where(active, -(gap + gradient @ moved[nodes].ravel()) / softness, 0.0)
-            active = following
+            right[nodes] -= ((stiff * felt.gap) @ felt.gradient).reshape(-1, 3)
+            block = felt.gradient.T @ (stiff[:, None] * felt.gradient) - felt.bend.T @ felt.bend
+            moved = self._solve(right, nodes, block, target)
+            gap = felt.gap + felt.gradient @ moved[nodes].ravel()
+            if ((gap < 0) == active).all():
+                felt.pressed = np.where(active, -gap / felt.softness, 0.0)
+                return moved
+            active = gap < 0
         raise NotSolved(f"no set of points in contact was found in {SETS} attempts")
 
     def _solve(self, right: Floats, nodes: Integers, contact: Floats, target: float) -> Floats:
@@ -113,32 +132,62 @@ class Multigrid:
         values[self._held] = self._typical
         self._matrix.setValuesCSR(self._indptr, self._indices, values[:-1])
         self._matrix.assemble()
+        self._preconditioner.press(self._unknown[nodes].ravel(), self._dense(nodes, values))
         ordered = np.empty(right.size)
         ordered[self._unknown] = np.where(self.elasticity.fixed, 0.0, right)
-        left, b = self._matrix.createVecs()
+        b = self._matrix.createVecRight()
         b.array[:] = ordered[3 * self._first:3 * self._last]
-        if not b.norm():
-            return np.zeros_like(right)
-        ksp = self._ksp
-        ksp.setTolerances(rtol=EXACT, atol=target, max_it=ITERATIONS)
-        for worn in (self._worn, True):
-            ksp.getPC().setReusePreconditioner(not worn)
-            ksp.setOperators(self._matrix)
-            try:
-                ksp.solve(b, left)
-            except PETSc.Error:
-                raise NotSolved("the multigrid of the stiffness cannot be set up") from None
-            self.iterations += ksp.getIterationNumber()
+        target = max(target, EXACT * b.norm())
+        for worn in dict.fromkeys((self._worn, True)):
             if worn:
-                self._fresh, self.set_ups = ksp.getIterationNumber(), self.set_ups + 1
-            self._worn = ksp.getIterationNumber() > WORN * self._fresh + 5
-            if ksp.getConvergedReason() > 0:
-                self._matrix.comm.tompi4py().Allgatherv(left.array, (ordered, self._share))
+                self._set_up()
+            taken, left = self._conjugate_gradients(b, target)
+            self.iterations += taken
+            if worn:
+                self._fresh = taken
+            self._worn = left is None or taken > WORN * self._fresh + 5
+            if left is not None:
+                self.comm.Allgatherv(left.array, (ordered, self._share))
                 return ordered[self._unknown]
-            if worn:
-                break
-        self._worn = True
-        raise NotSolved(f"conjugate gradients came to no solution (reason {ksp.getConvergedReason()})")
+        raise NotSolved(f"conjugate gradients came to no solution in {taken} iterations")
+
+    def _conjugate_gradients(self, right: PETSc.Vec, target: float) -> tuple[int, PETSc.Vec | None]:
+        """How many iterations were taken, and the solution to a residual [N]; None when there is none after all of them.
+
+        Raises:
+            NotSolved: the matrix, or its preconditioner, is not positive definite
+        """
+        solution, residual = right.duplicate(), right.copy()
+        solution.set(0.0)
+        better, image = right.duplicate(), right.duplicate()
+        self._preconditioner.apply(residual, better)
+        direction, product = better.copy(), residual.dot(better)
+        for iteration in range(ITERATIONS + 1):
+            if residual.norm() <= target:
+                return iteration, solution
+            self._matrix.mult(direction, image)
+            curvature = direction.dot(image)
+            if not (curvature > 0 and product > 0):
+                raise NotSolved("the stiffness is not positive definite: the body gives way, or its mesh is far too distorted")
+            solution.axpy(product / curvature, direction)
+            residual.axpy(-product / curvature, image)
+            self._preconditioner.apply(residual, better)
+            before, product = product, residual.dot(better)
+            direction.aypx(product / before, better)
+        return ITERATIONS, None
+
+    def _set_up(self) -> None:
+        """The multigrid of the stiffness as it is now, without contact."""
+        values = self._stiffness.copy()
+        values[self._held] = self._typical
+        self._alone.setValuesCSR(self._indptr, self._indices, values[:-1])
+        self._alone.assemble()
+        self._multigrid.setOperators(self._alone)
+        try:
+            self._multigrid.setUp()
+        except PETSc.Error:
+            raise NotSolved("the multigrid of the stiffness cannot be set up") from None
+        self.set_ups += 1
 
     def _lay_out(self) -> None:
         """The sparsity of this process's rows, and where each entry of each of its cells goes; one place more is for the rest."""
@@ -177,32 +226,47 @@ class Multigrid:
                     slot[used, j] = self._at[at] + self._width[at] * i + k
             self._slots.append(slot)
 
+    def _blocks(self, nodes: Integers) -> tuple[Integers, Integers, Integers]:
+        """Which pairs (k,), (k,) of n nodes have entries in this process's rows, and where these are (k, 3, 3)."""
+        place = self._place[nodes]
+        rows = np.flatnonzero((place >= self._first) & (place < self._last))
+        key = place[rows][:, None] * len(self._place) + place
+        pair = np.minimum(np.searchsorted(self._pairs, key), len(self._pairs) - 1)
+        a, b = np.nonzero(self._pairs[pair] == key)
+        pair = pair[a, b]
+        return rows[a], b, self._at[pair][:, None, None] + self._width[pair][:, None, None] * np.arange(3)[:, None] + np.arange(3)
+
     def _add(self, nodes: Integers, block: Floats, values: Floats) -> None:
         """Add a matrix (3 n, 3 n) that couples n nodes of common cells to the rows of this process."""
-        if not len(nodes):
-            return
-        place = self._place[nodes]
-        mine = (place >= self._first) & (place < self._last)
-        blocks = block.reshape(len(nodes), 3, len(nodes), 3).transpose(0, 2, 1, 3)
-        a, b = np.nonzero(blocks.any(axis=(2, 3)) & mine[:, None])
-        pair = np.searchsorted(self._pairs, place[a] * len(self._place) + place[b])
-        at = self._at[pair][:, None, None] + self._width[pair][:, None, None] * np.arange(3)[:, None] + np.arange(3)
+        a, b, at = self._blocks(nodes)
         fixed = self.elasticity.fixed[nodes]
-        values[np.where(fixed[a][:, :, None] | fixed[b][:, None, :], len(values) - 1, at)] += blocks[a, b]
+        at[fixed[a][:, :, None] | fixed[b][:, None, :]] = len(values) - 1
+        values[at] += block.reshape(len(nodes), 3, len(nodes), 3)[a, :, b]
 
-    def _solver(self) -> PETSc.KSP:
+    def _dense(self, nodes: Integers, values: Floats) -> Floats:
+        """(3 n, 3 n) the rows and columns of n nodes."""
+        dense = np.zeros((len(nodes), 3, len(nodes), 3))
+        a, b, at = self._blocks(nodes)
+        dense[a, :, b] = values[at]
+        self.comm.Allreduce(MPI.IN_PLACE, dense)
+        return dense.reshape(3 * len(nodes), 3 * len(nodes))
+
+    def _set_matrices(self) -> None:
+        """The matrices of the stiffness with contact and without, and the multigrid for the latter."""
         size = (3 * (self._last - self._first), self._unknown.size)
-        self._matrix = PETSc.Mat().create(self.comm)
-        self._matrix.setSizes((size, size), bsize=3)
-        self._matrix.setType("aij")
-        self._matrix.setPreallocationCSR((self._indptr, self._indices))
-        self._matrix.setOption(PETSc.Mat.Option.SPD, True)
-        self.update(np.zeros(self.elasticity.fixed.shape))
-        self._typical = float(self.elasticity.material.young_modulus) * float(np.cbrt(np.prod(np.ptp(self.elasticity.mesh.points, axis=0)) / len(self._place)))
+        matrices = []
+        for _ in range(2):
+            matrices.append(PETSc.Mat().create(self.comm))
+            matrices[-1].setSizes((size, size), bsize=3)
+            matrices[-1].setType("aij")
+            matrices[-1].setPreallocationCSR((self._indptr, self._indices))
+            matrices[-1].setOption(PETSc.Mat.Option.SPD, True)
+        self._matrix, self._alone = matrices
         x = self.elasticity.mesh.points - self.elasticity.mesh.points.mean(axis=0)
-        motions = [np.broadcast_to(axis, x.shape) for axis in np.eye(3)] + [np.cross(axis, x) for axis in np.eye(3)]
+        # Of the order of the other diagonal entries: E times the size of a cell.
+        self._typical = self.elasticity.material.young_modulus * float(np.cbrt(np.prod(np.ptp(x, axis=0)) / len(x)))
         basis: list[PETSc.Vec] = []
-        for motion in motions:
+        for motion in [np.broadcast_to(axis, x.shape) for axis in np.eye(3)] + [np.cross(axis, x) for axis in np.eye(3)]:
             ordered = np.empty(motion.size)
             ordered[self._unknown] = np.where(self.elasticity.fixed, 0.0, motion)
             vector = self._matrix.createVecRight()
@@ -211,10 +275,49 @@ class Multigrid:
                 vector.axpy(-vector.dot(other), other)
             if vector.normalize() > 0:
                 basis.append(vector)
-        self._matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=basis, comm=self.comm))
-        ksp = PETSc.KSP().create(self.comm)
-        ksp.setType(PETSc.KSP.Type.CG)
-        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.getPC().setType(PETSc.PC.Type.GAMG)
-        ksp.setOperators(self._matrix)
-        return ksp
+        self._alone.setNearNullSpace(PETSc.NullSpace().create(vectors=basis, comm=self.comm))
+        self._multigrid = PETSc.PC().create(self.comm)
+        self._multigrid.setType(PETSc.PC.Type.GAMG)
+        self._multigrid.setFromOptions()  # without which its defaults are not set
+        self._preconditioner = _WithContact(self._matrix, self._multigrid, self.comm, self._first)
+
+
+class _WithContact:
+    """The multigrid M of the body alone between two exact solutions at the nodes in contact, so that their stiffness, which is
+    thousands of times that of the body, leaves no error: B = P + (1 - P A) M (1 - A P), P = A_cc^-1 at these nodes."""
+
+    def __init__(self, matrix: PETSc.Mat, multigrid: PETSc.PC, comm: MPI.Comm, first: int) -> None:
+        self._matrix, self._multigrid, self._comm, self._first = matrix, multigrid, comm, first
+        self._residual, self._correction = matrix.createVecs()
+
+    def press(self, unknowns: Integers, block: Floats) -> None:
+        """The rows and columns (k, k) of k unknowns in contact. Raises `NotSolved` when they are not positive definite."""
+        size, first = self._residual.getLocalSize(), 3 * self._first
+        self._mine = np.flatnonzero((unknowns >= first) & (unknowns < first + size))
+        self._local, self._count = unknowns[self._mine] - first, len(unknowns)
+        try:
+            self._factor = scipy.linalg.cho_factor(block) if len(block) else None
+        except np.linalg.LinAlgError:
+            raise NotSolved("the stiffness at the nodes in contact is not positive definite") from None
+
+    def apply(self, right: PETSc.Vec, out: PETSc.Vec) -> None:
+        """out = B right."""
+        if self._factor is None:
+            self._multigrid.apply(right, out)
+            return
+        out.set(0.0)
+        self._solve_contact(right, out)
+        self._matrix.mult(out, self._residual)
+        self._residual.aypx(-1.0, right)
+        self._multigrid.apply(self._residual, self._correction)
+        out.axpy(1.0, self._correction)
+        self._matrix.mult(out, self._residual)
+        self._residual.aypx(-1.0, right)
+        self._solve_contact(self._residual, out)
+
+    def _solve_contact(self, right: PETSc.Vec, out: PETSc.Vec) -> None:
+        """out += P right."""
+        at_contact = np.zeros(self._count)
+        at_contact[self._mine] = right.array_r[self._local]
+        self._comm.Allreduce(MPI.IN_PLACE, at_contact)
+        out.array[self._local] += scipy.linalg.cho_solve(self._factor, at_contact)[self._mine]
