@@ -106,17 +106,22 @@ def simulate(options: Options) -> dict[str, Any]:
         raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
 
     part = out.with_name(out.name + ".part")
-    with tqdm(total=scene.steps.count, disable=None, desc="simulate", unit="step") as bar:
-        solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part)
+    if PROCESSES > 1 and part.exists():
+        raise InputError(f"--out {out}: {part.name} is of an unfinished run, which one process goes on with; delete it to start anew")
+    with tqdm(total=scene.steps.count, disable=True if RANK else None, desc="simulate", unit="step") as bar:
+        solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part if PROCESSES == 1 else None,
+                         spread=PROCESSES > 1)
     trajectory = trajectory_of(scene, solution=solution)
-    write_trajectory(out, trajectory)
+    if RANK == 0:
+        write_trajectory(out, trajectory)
     steps = len(solution.displacement) - 1
     if solution.resumed:
         _say(options, f"went on after step {solution.resumed}, which an earlier run had reached")
     if solution.failure:
-        raise WorkError(f"{solution.failure}; the {steps} steps before it are in {out}; the same call tries again from there, "
-                        f"without {part.name} from the start")
-    part.unlink(missing_ok=True)
+        again = f"; the same call tries again from there, without {part.name} from the start" if PROCESSES == 1 else ""
+        raise WorkError(f"{solution.failure}; the {steps} steps before it are in {out}{again}")
+    if PROCESSES == 1:
+        part.unlink(missing_ok=True)
     result = {"steps": steps, "ms_per_step": 1e3 * solution.seconds / steps,
               "newton_iterations": int(solution.newton_iterations.sum()), "factorisations": solution.factorisations,
               "largest_relative_residual": float(solution.relative_residual.max()),
@@ -239,6 +244,15 @@ def evaluate(options: Options) -> dict[str, Any]:
                say=lambda text: _say(options, text))
 
 
+def pareto(options: Options) -> dict[str, Any]:
+    """Speed against error: trained runs, finite elements made cheaper, a reduced-order model and what knows nothing."""
+    from learning.compare import compare
+
+    out = _writable(options.out)
+    return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
+                   repeats=options.repeats, say=lambda text: _say(options, text))
+
+
 def view(options: Options) -> dict[str, Any]:
     """A film of a trajectory."""
 
@@ -264,8 +278,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; the exit status."""
     options = _parser().parse_args(arguments)
     try:
-        if PROCESSES > 1 and options.verb != "modes":
-            raise InputError(f"{options.verb} runs as one process; under mpirun only modes does more")
+        if PROCESSES > 1 and options.verb not in ("modes", "simulate"):
+            raise InputError(f"{options.verb} runs as one process; under mpirun only modes and simulate do more")
         result = options.verb_function(options)
         if options.json and RANK == 0:
             print(json.dumps(finite(result)))
@@ -297,7 +311,10 @@ def _say(options: Options, text: str) -> None:
 
 
 def _writable(path: str | Path | None, *suffixes: str) -> Any:
-    """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder."""
+    """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder.
+
+    Folders that the check had to make are taken away again: wrong input leaves nothing behind.
+    """
     if path is None:
         return None
     path = Path(path)
@@ -307,6 +324,7 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
     if (suffix and path.is_dir()) or (not suffix and path.exists() and not path.is_dir()):
         raise InputError(f"--out {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
     folder = path.parent if suffix else path
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]  # the deepest first
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / f".{path.name}.{os.getpid()}.probe"
@@ -314,6 +332,10 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
         probe.unlink()
     except OSError as error:
         raise InputError(f"--out {path}: {error.strerror}") from None
+    finally:
+        for place in missing:
+            if place.is_dir():
+                place.rmdir()
     return path
 
 
@@ -379,6 +401,13 @@ def _parser() -> argparse.ArgumentParser:
     add("--correct", type=_positive, default=1, metavar="K", help="Newton steps after each frame of the corrected rollout (1)")
     add("--refined", type=_count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
     add("--out", help="folder of the report (RUN/report)")
+    add = verb("pareto", pareto, "what").add_argument
+    add("--run", nargs="+", action="extend", default=[], help="folders of trainings (none: the classical methods alone)")
+    add("--count", type=_positive, default=5, help="trajectories of a data set, evenly spaced (5)")
+    add("--split", default="test")
+    add("--refined", type=_count, help="scenes that are solved on finer cells as well (all)")
+    add("--repeats", type=_positive, default=3, help="of each timing; medians are shown (3)")
+    add("--out", default="pareto", help="folder of the report (pareto)")
     verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser

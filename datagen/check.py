@@ -45,7 +45,7 @@ def check(folder: str | Path, *, steps: int = 5) -> list[str]:
     """What is wrong with a data set, a line each, the file's name first; empty when nothing is.
 
     Every file is held against its checksum and against its own scene: the mesh, the motion of supports and obstacle, det F,
-    penetration, and the equilibrium of some of its steps. A set without scenes (imported) is checked as data alone.
+    penetration, and, unless it has inertia, the equilibrium of some of its steps. A set without scenes (imported) is checked as data alone.
 
     Args:
         steps: of each trajectory whose equilibrium is computed anew, evenly spaced, the last one among them
@@ -107,7 +107,7 @@ def against_scene(trajectory: Trajectory, *, steps: int = 5) -> list[str]:
         found.append(f"det F = {det.min():.2g} at step {det.argmin()}: a cell is inverted")
     if scene.obstacle is not None:
         found += _against_obstacle(trajectory, scene, mesh, fixed, rounding)
-    return found or _against_equilibrium(trajectory, scene, mesh, steps)
+    return found or ([] if scene.steps.dynamic else _against_equilibrium(trajectory, scene, mesh, steps))
 
 
 def _against_obstacle(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: NDArray[np.bool_], rounding: float) -> list[str]:

@@ -71,6 +71,11 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         points = np.concatenate([mesh.points, around])
     corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
     shapes = np.pad(modes.pictured, ((0, 0), (0, len(points) - nodes), (0, 0)))
+    moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
+    extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "seconds": solution.seconds,
+             "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure}
+    if scene.steps.dynamic and scene.steps.duration is not None:
+        extra["step_seconds"] = scene.steps.duration / scene.steps.count
     return Trajectory(
         points=points,
         connectivity=np.concatenate([mesh.cells.ravel(), nodes + triangles.ravel()]),
@@ -81,10 +86,10 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         modes=shapes.astype(np.float32), frequencies_hz=tuple(float(hz) for hz in modes.frequencies_hz),
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
-                   "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released},
+                   "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released,
+                   **moving},
         scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
-        extra={"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "linear_steps": solution.linear_steps,
-               "seconds": solution.seconds, "factorisations": solution.factorisations, "failure": solution.failure})
+        extra=extra)
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
     """A trajectory that predictions can be held against, with the scene as its last step was solved, and the mesh of this.
 
     Raises:
-        InputError: something is wrong in the file, it holds no scene, or its mesh is not the one that its scene builds
+        InputError: something is wrong in the file, it holds no scene or a dynamic one, or its mesh is not the one that its scene builds
     """
     trajectory = read_sound(path)
     if not trajectory.scene:
@@ -39,6 +39,8 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
         scene = read_scene(tomllib.loads(trajectory.scene))
     except (InputError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: its scene is wrong: {error}") from None
+    if scene.steps.dynamic:
+        raise InputError(f"{path}: a body in motion; predictions are held against the equations of equilibrium, which it does not obey")
     mesh, own = build_mesh(scene.body), trajectory.mesh
     if not (np.array_equal(own.points, mesh.points) and np.array_equal(own.cells, mesh.cells)):
         raise InputError(f"{path}: its mesh is not the one that its scene builds")
@@ -61,6 +63,7 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
     if out is not None:
         from physics.view import frame_picture
 
+        out.mkdir(parents=True, exist_ok=True)
         (out / "verify.json").write_text(json.dumps(finite(result), indent=1))
         step = found.worst_step
         frame_picture(out / "worst.png", mesh, prediction=u[step], truth=v[step], step=step, steps=len(v) - 1)

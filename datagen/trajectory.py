@@ -24,7 +24,9 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         relative_residual       (T,) float64     |residual force| / |reaction|
         snap                    (T,) float64     [m] farthest way of a node without equilibria between, mostly 0 (physics/snap.py)
         released                (T,) float64     [J] stored energy and work of dead loads lost on that way
-      Steps                     @NSteps T; Values (T,) 0 .. steps; offsets that tell a reader where each frame starts
+        kinetic_energy          (T,) float64     [J] of dynamic scenes
+      Steps                     @NSteps T; Values (T,) 0 .. steps, of dynamic scenes the times [s]; offsets that tell a reader
+                                where each frame starts
     /                           @schema, @scene (TOML), @seed, @index, @versions (JSON), @commit, @complete, @frequencies_hz,
                                 @extra (JSON: whatever else the writer knows, such as the run that made a rollout)
 
@@ -140,7 +142,7 @@ def _write(file: h5py.File, trajectory: Trajectory) -> None:
 
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = frames
-    steps.create_dataset("Values", data=np.arange(frames, dtype=np.float64))
+    steps.create_dataset("Values", data=np.arange(frames) * float(trajectory.extra.get("step_seconds", 1.0)))
     steps.create_dataset("NumberOfParts", data=np.ones(frames, np.int64))
     for name in ("PartOffsets", "PointOffsets"):
         steps.create_dataset(name, data=np.zeros(frames, np.int64))

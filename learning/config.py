@@ -13,20 +13,28 @@ from learning.m4gn import M4GNConfig
 from learning.segments import METHODS
 from physics.schema import InputError, quantity, read_table, read_toml
 
+SCHEMES = ("step", "pose")
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig:
     """Segments, graph, noise and schedule of one training.
 
+    scheme, history, estimate: what is predicted from what, see data.py
+    frames: that are learned from in each trajectory, evenly spaced; all by default
     segments, method, tau: see segments.py
     contact_radius: r_W, the largest distance of a contact edge
     noise: standard deviation of the disturbance of each component of a free node's position
     learning_rate: kept for the first half, then falling exponentially to final_learning_rate
     clip_norm: largest norm of the gradient of all weights together
-    steps, budget_seconds: training ends at whichever is reached first
+    steps, budget_seconds: training ends at whichever is reached first; reading the data is not counted
     validate_every: steps between checkpoints, each with a rollout of every validation trajectory
     """
 
+    scheme: str = quantity("step", choice=SCHEMES)
+    history: int = quantity(0, at_least=0, at_most=1)
+    estimate: bool = False
+    frames: int | None = quantity(None, at_least=1)
     segments: int = quantity(19, at_least=1, at_most=100_000)
     method: str = quantity("slic-mdod-e", choice=METHODS)
     tau: float = quantity(0.5, at_least=0)
@@ -41,6 +49,12 @@ class TrainConfig:
     clip_norm: float = quantity(1.0, above=0)
     validate_every: int = quantity(10_000, at_least=1)
     seed: int = quantity(0, at_least=0)
+
+    def __post_init__(self) -> None:
+        """Raises `InputError` for a history beside something that replaces it."""
+        if self.history and (self.scheme == "pose" or self.estimate):
+            raise InputError('history = 1: goes with scheme = "step" without an estimate; a pose has no past, and an estimate '
+                             "tells the velocity")
 
 
 def load_config(path: str | Path) -> TrainConfig:

@@ -1,15 +1,29 @@
 """Training samples: frames of trajectories held in memory, with fresh noise, and the scale of everything in them.
 
-A sample is the graph of frame t and the velocity that leads from it to frame t + 1. A stepwise simulator walks on its own
-predictions, so it is trained on disturbed frames: to every free node, at every access anew,
+A sample is a graph, a base b and a unit c from which a network's output y (N, 3) makes the displacement of one frame, f:
 
-    x' = x(t) + noise,    noise ~ N(0, noise^2 I) [m],    target  v = x(t+1) - x'
+    u(f) = b + c y        on free nodes, and the loss compares y with (u(f) - b) / c
 
-The target is corrected: it leads from the disturbed position to the true next one, so the network learns to repair.
+    scheme    estimate   the graph shows                            on free nodes also           b                       c
+    step      no         frame f - 1                                -                            u(f - 1)                1
+    step      no         the same, with history = 1                 last velocity v              u(f - 1) + v            1
+    step      yes        the same                                   e(f) - u(f - 1)              e(f)                    c(f)
+    pose      no         the body at rest, the obstacle at f        -                            0                       1
+    pose      yes        the body as estimated, the obstacle at f   a(f) / c(f)                  e(f)                    c(f)
+
+e is an estimate of the quasi-static state at the obstacle's pose, a the answer to the forces that it leaves over, c the root
+mean square of a (estimate.py): the network learns what is wrong with the estimate in units of about how wrong it is.
+
+A stepwise simulator walks on its own predictions, so it is trained on disturbed frames: to every free node, at every access anew,
+
+    x' = x(f - 1) + noise,    noise ~ N(0, noise^2 I) [m]
+
+and u(f - 1) above is that of x'. The target is corrected: it leads from the disturbed position to the true next one, so the
+network learns to repair. A pose has no past, and no noise.
 
 The normaliser is fitted on the training trajectories only, on samples as the training sees them, noise included. Inputs
-get mean and standard deviation of each feature. The velocity has a natural zero, and gets one scale for its three
-components, its root mean square over free nodes, so that the loss is proportional to the squared error in metres: with
+get mean and standard deviation of each feature. The output has a natural zero, and gets one scale for its three
+components, its root mean square over free nodes, so that the loss is proportional to the squared error in metres (or units c): with
 one scale each, a sideways velocity that is nothing but rounding would weigh as much as the bending.
 
 Legend: N nodes, T frames, F features.
@@ -19,6 +33,7 @@ Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 fo
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -27,23 +42,42 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from tqdm import tqdm
 
 from datagen.trajectory import Trajectory, problems, read_trajectory
 from learning.config import TrainConfig
+from learning.estimate import Estimate, estimate
 from learning.graph import Graph, Skeleton, build_graph, build_skeleton
 from learning.segments import segment
 from physics.schema import InputError
 
 FIT_FRAMES = 1000
+SMALLEST = 1e-8  # [m] unit of a frame whose estimate leaves no force over
+CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"), "fidelity", "estimates")
 INPUTS = ("node", "mesh_edge", "contact_edge")
 
 
 @dataclass(frozen=True)
 class Case:
-    """A trajectory and what its graphs have in common."""
+    """A trajectory and what its graphs have in common.
+
+    targets: (F,) the frames to predict, ascending, none of them 0
+    estimate: of the targets; None where the config wants none
+    """
 
     trajectory: Trajectory
     skeleton: Skeleton
+    targets: NDArray[np.int64]
+    estimate: Estimate | None
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a frame is predicted from: its graph, base (N, 3) [m] and unit [m], see the module."""
+
+    graph: Graph
+    base: NDArray[np.float64]
+    unit: float
 
 
 @dataclass(frozen=True)
@@ -65,43 +99,96 @@ class Normaliser:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-def load_cases(files: Sequence[str | Path], config: TrainConfig) -> list[Case]:
-    """Read and segment trajectory files. Raises `InputError` for none at all, and for one damaged or of a single frame."""
+def load_cases(files: Sequence[str | Path], config: TrainConfig, *, walk: bool = False) -> list[Case]:
+    """Read and segment trajectory files. Raises `InputError` for none at all, and for one damaged or of a single frame.
+
+    walk: the cases are to be walked through, which for scheme = "step" takes every frame
+    """
     if not files:
         raise InputError("no trajectory files given")
     cases = []
-    for path in files:
+    for path in tqdm(files, desc="load", disable=None, leave=False):
         trajectory = read_trajectory(path)
         found = problems(trajectory)
         if len(trajectory.displacement) < 2:
             found.append("it has a single frame, and so nothing to predict")
         if found:
             raise InputError(f"{path}: {found[0]}")
-        cases.append(build_case(trajectory, config))
+        last = len(trajectory.displacement) - 1
+        count = last if walk and config.scheme == "step" else min(config.frames or last, last)
+        targets = np.linspace(0, last, count + 1).round().astype(np.int64)[1:]
+        try:
+            cases.append(build_case(trajectory, config, targets=targets, cache=CACHE))
+        except (InputError, FloatingPointError) as error:
+            raise InputError(f"{path}: {error}") from None
     return cases
 
 
-def build_case(trajectory: Trajectory, config: TrainConfig) -> Case:
-    """Segment a trajectory in memory and collect what its graphs have in common."""
+def build_case(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[np.int64] | None = None,
+               cache: Path | None = None) -> Case:
+    """Segment a trajectory in memory and collect what its graphs have in common.
+
+    Args:
+        targets: the frames to predict, ascending; all but frame 0 by default
+        cache: folder of estimates made before
+    """
     segments = segment(trajectory, count=config.segments, method=config.method, tau=config.tau)
-    return Case(trajectory, build_skeleton(trajectory, segments))
+    if targets is None:
+        targets = np.arange(1, len(trajectory.displacement))
+    found = estimate(trajectory, targets, cache=cache) if config.estimate else None
+    return Case(trajectory, build_skeleton(trajectory, segments), targets, found)
+
+
+def describe(case: Case, target: int, now: NDArray[np.floating], before: NDArray[np.floating], config: TrainConfig) -> Sample:
+    """What a frame is predicted from.
+
+    Args:
+        target: 1 .. T - 1; with an estimate, one of the case's targets
+        now, before: (N, 3) displacements [m] one and two frames before; read by scheme = "step" alone
+    """
+    skeleton, free = case.skeleton, case.skeleton.free[:, None]  # (N, 1)
+    given = case.trajectory.displacement[target].astype(np.float64)
+    base, unit = np.zeros_like(given), unit_of(case, target)
+    if case.estimate is not None:
+        base[:], answer = case.estimate.at(target)
+    if config.scheme == "pose":
+        shown, velocity = np.where(free, base, given), np.zeros_like(given)
+        known = velocity if case.estimate is None else answer / unit
+    else:
+        shown = np.asarray(now, np.float64)
+        velocity = given - shown
+        known = shown - before if config.history else np.zeros_like(shown)
+        if case.estimate is None:
+            base = shown + known
+        else:
+            known = base - shown
+    graph = build_graph(skeleton, skeleton.rest + shown, velocity, config.contact_radius, known)
+    return Sample(graph, base, unit)
+
+
+def unit_of(case: Case, target: int) -> float:
+    """The unit [m] of a frame's output: 1 without an estimate."""
+    if case.estimate is None:
+        return 1.0
+    answer = case.estimate.at(target)[1][case.skeleton.free].astype(np.float64)
+    return max(SMALLEST, float(np.sqrt((answer**2).sum(axis=1).mean())))
 
 
 def sample(case: Case, frame: int, config: TrainConfig, generator: torch.Generator) -> tuple[Graph, Tensor]:
-    """The graph of a disturbed frame, and the velocity (N, 3) [m] from it to the next frame.
+    """The graph from which the frame after a given one is predicted, and what a network should say (N, 3) in the sample's unit.
 
     Args:
-        frame: from 0 to T - 2
-        config: its contact_radius and noise are used; without noise the frame and the generator are left alone
+        frame: from 0 to T - 2; for scheme = "step" it is the one that is shown, disturbed
+        config: its scheme, contact_radius and noise are used; without noise the frame and the generator are left alone
     """
-    skeleton, displacement = case.skeleton, case.trajectory.displacement
-    now = skeleton.rest + displacement[frame]
-    after = skeleton.rest + displacement[frame + 1]
-    if config.noise:
+    displacement, free = case.trajectory.displacement, case.skeleton.free
+    now = displacement[frame].astype(np.float64)
+    if config.noise and config.scheme == "step":
         disturbance = config.noise * torch.randn(now.shape, generator=generator).numpy()
-        now = now + np.where(skeleton.free[:, None], disturbance, 0.0)
-    velocity = after - now
-    return build_graph(skeleton, now, velocity, config.contact_radius), torch.from_numpy(velocity.astype(np.float32))
+        now = now + np.where(free[:, None], disturbance, 0.0)
+    shown = describe(case, frame + 1, now, displacement[max(frame - 1, 0)], config)
+    target = (displacement[frame + 1] - shown.base) / shown.unit
+    return shown.graph, torch.from_numpy(target.astype(np.float32))
 
 
 def fit_normaliser(cases: Sequence[Case], config: TrainConfig) -> Normaliser:
@@ -152,10 +239,26 @@ class Moments:
 
 
 def all_frames(cases: Sequence[Case]) -> NDArray[np.int64]:
-    """(samples, 2) every pair of a case's number and a frame that has a next one."""
-    return np.concatenate([np.stack([np.full(len(case.trajectory.displacement) - 1, which),
-                                     np.arange(len(case.trajectory.displacement) - 1)], axis=1)
+    """(samples, 2) every pair of a case's number and a frame before one of its targets."""
+    return np.concatenate([np.stack([np.full(len(case.targets), which), case.targets - 1], axis=1)
                            for which, case in enumerate(cases)])
+
+
+def chances(cases: Sequence[Case]) -> Tensor | None:
+    """(samples,) how often each pair of `all_frames` is to be drawn; None where all are alike, without estimates.
+
+    The error of a path is the root mean square over its frames, and what counts is its mean over paths. Its derivative by the
+    mean square error of a frame, in units c_f of that frame, is in proportion to c_f^2 / (root mean square of c over the path).
+    Half of the draws follow that, half are even.
+    """
+    shares = []
+    for case in cases:
+        if case.estimate is None:
+            return None
+        unit = np.array([unit_of(case, frame) for frame in case.targets.tolist()])
+        shares.append(unit**2 / np.sqrt(np.mean(unit**2)))
+    share = np.concatenate(shares)
+    return torch.from_numpy(share / share.mean() + 1)
 
 
 def fingerprint(cases: Sequence[Case]) -> str:

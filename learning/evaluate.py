@@ -27,7 +27,7 @@ from learning.predictor import Case, Predictor
 from learning.report import write_report
 from learning.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.seen import Seen, outside, read_seen
-from learning.surrogates import corrected, learned
+from learning.surrogates import corrected, estimated, learned
 from learning.table import Report, Row, best_learned
 from physics.scene import Scene
 from physics.schema import InputError
@@ -59,7 +59,8 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         raise InputError("no trajectories to evaluate on")
     model = load_model(run)
     cases = load_cases(files)
-    predictors = [learned(model), corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
+    alone = [estimated()] if model.config.estimate else []
+    predictors = [learned(model), *alone, corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
                   elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
                      refined=refined, say=say)
@@ -74,7 +75,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
               refined: int, repeats: int = 1, say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder."""
     known = {run: read_seen(run) for run in runs}
-    _warm_up(cases[0].scene)
+    warm_up(cases[0].scene)
     chosen = np.unique(np.linspace(0, len(cases) - 1, min(refined, len(cases))).round().astype(int)).tolist() if refined else []
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
         found = measure(predictors, cases, sample=SAMPLE, refined=chosen, repeats=repeats, on_done=bar.update)
@@ -99,7 +100,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def _warm_up(scene: Scene) -> None:
+def warm_up(scene: Scene) -> None:
     """Solve something small once, so that no time of below contains the loading of compiled forms."""
     while (smaller := coarser(scene)) is not None:
         scene = smaller

@@ -8,8 +8,8 @@ Nodes are those of the trajectory file, body first, obstacle last. Two kinds of 
 Features, with X rest positions, x current positions, v = x(t+1) - x(t) [m]; every one is free of the origin:
 
     node            one-hot of its kind (free, obstacle, held); the v of a node whose motion is prescribed (obstacle, or
-                    held), zero on free nodes; X_i - O, x_i - X_i, with O the mean rest position of the held nodes (of the
-                    body, where none is held)
+                    held), on free nodes what the scheme knows of theirs, or zero (data.py); X_i - O, x_i - X_i, with O the
+                    mean rest position of the held nodes (of the body, where none is held)
     mesh edge       X = X_s - X_r, |X|, x - X, |x| - |X|    [m], x = x_s - x_r, s sender, r receiver
     contact edge    x, |x|                                 [m]
 
@@ -108,22 +108,24 @@ def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer]) -> Skel
     return Skeleton(kind, trajectory.free, rest, place, pair, _with_norm(vector), segment.astype(np.int64))
 
 
-def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: NDArray[np.floating], radius: float) -> Graph:
+def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: NDArray[np.floating], radius: float,
+                known: NDArray[np.floating] | float = 0.0) -> Graph:
     """The graph of one frame.
 
     Args:
         positions: (N, 3) current positions [m]
         velocity: (N, 3) displacement to the next frame [m]; read on prescribed nodes only
         radius: r_W, the largest distance of a contact edge [m]
+        known: (N, 3) what stands in its place on free nodes
     """
-    prescribed = np.where(skeleton.free[:, None], 0.0, velocity).astype(np.float32)  # (N, 3)
+    velocity = np.where(skeleton.free[:, None], known, velocity).astype(np.float32)  # (N, 3)
     displacement = (positions - skeleton.rest).astype(np.float32)
     senders, receivers = skeleton.pair
     change = _with_norm(positions[senders] - positions[receivers]) - skeleton.rest_edge  # (E, 4)
     contact = contact_edges(positions, skeleton.kind[:, KINDS.index(OBSTACLE)] > 0, radius)
     segments = int(skeleton.segment.max()) + 1
     return Graph(
-        node=torch.from_numpy(np.concatenate([skeleton.kind, prescribed, skeleton.place, displacement], axis=1)),
+        node=torch.from_numpy(np.concatenate([skeleton.kind, velocity, skeleton.place, displacement], axis=1)),
         mesh_edge=torch.from_numpy(np.concatenate([skeleton.rest_edge, change], axis=1)),
         mesh_pair=torch.from_numpy(skeleton.pair),
         contact_edge=torch.from_numpy(_with_norm(positions[contact[0]] - positions[contact[1]])),

@@ -9,6 +9,7 @@ from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from learning.table import Row
 
@@ -78,14 +79,16 @@ def _label(axes: Any, labels: list[tuple[str, tuple[float, float], str]]) -> Non
     for _, point, _ in labels:
         x, y = axes.transData.transform(point)
         taken.append(inside.from_extents(x - 8, y - 8, x + 8, y + 8))
-    for text, point, colour in labels:
+    for number, (text, point, colour) in enumerate(labels):
+        # A label must not stand nearer to another point than to its own.
+        near = [box.padded(7) if other != number and other < len(labels) else box for other, box in enumerate(taken)]
         tried: list[tuple[int, int, Any, Any]] = []
         for offset, across, up in PLACES:
             note = axes.annotate(text, point, xytext=offset, textcoords="offset points", fontsize=8.5, ha=across, va=up, color=colour,
-                                 arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5} if max(map(abs, offset)) > 14 else None)
-            # The text alone: an arrow leads back to the point.
-            box = note.get_window_extent(renderer) if note.arrow_patch is None else _text_box(note, renderer)
-            covered = sum(box.overlaps(other) for other in taken) + (not (inside.x0 <= box.x0 and box.x1 <= inside.x1
+                                 arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5} if max(map(abs, offset)) > 8 else None)
+            note.update_positions(renderer)
+            box = Text.get_window_extent(note, renderer)  # of the text alone: the arrow leads back to the point
+            covered = sum(box.overlaps(other) for other in near) + (not (inside.x0 <= box.x0 and box.x1 <= inside.x1
                                                                           and inside.y0 <= box.y0 and box.y1 <= inside.y1))
             tried.append((covered, len(tried), note, box))
             if not covered:
@@ -97,10 +100,3 @@ def _label(axes: Any, labels: list[tuple[str, tuple[float, float], str]]) -> Non
             if other is not note:
                 other.remove()
         taken.append(box)
-
-
-def _text_box(note: Any, renderer: Any) -> Any:
-    arrow, note.arrow_patch = note.arrow_patch, None
-    box = note.get_window_extent(renderer)
-    note.arrow_patch = arrow
-    return box

@@ -36,12 +36,12 @@ td,th[scope=row]{white-space:nowrap}
 tr:first-child th{border-bottom:2px solid #1c1d1f}
 tr th:first-child{text-align:left}
 th[scope=row],.key span{border-left:5px solid #fff}
-.learned th[scope=row],.key .learned{border-color:#c8102e}
-.trivial th[scope=row],.key .trivial{border-color:#7a7d82}
-.fe th[scope=row],.key .fe{border-color:#1f4e9c}
-.hybrid th[scope=row],.key .hybrid{border-color:#7b2d8b}
-.reduced th[scope=row],.key .reduced{border-color:#c77700}
-.reference th[scope=row],.key .reference{border-color:#0b7a4b}
+.learned th[scope=row],.key .learned{border-left-color:#c8102e}
+.trivial th[scope=row],.key .trivial{border-left-color:#7a7d82}
+.fe th[scope=row],.key .fe{border-left-color:#1f4e9c}
+.hybrid th[scope=row],.key .hybrid{border-left-color:#7b2d8b}
+.reduced th[scope=row],.key .reduced{border-left-color:#c77700}
+.reference th[scope=row],.key .reference{border-left-color:#0b7a4b}
 .alarm{background:#fff3cd;border-left:5px solid #c8102e;padding:.6rem 1rem;max-width:54rem}
 .key,figcaption{font-size:.88rem;color:#55585c;max-width:54rem}
 .key span{padding:0 1.2rem 0 .4rem}

@@ -19,6 +19,7 @@ from learning.predictor import Case, LeftOut, Prediction, Predictor
 from physics.equilibrium import Path
 from physics.mesh import Mesh, build_mesh
 from physics.newton import TOLERANCE, NoEquilibrium
+from physics.reduced import Reduced
 from physics.scene import Scene, Steps
 from physics.transfer import interpolate
 
@@ -98,6 +99,25 @@ def elements(name: str, *, halvings: int = 0, fewer: int = 1, tolerance: float =
         return Prediction(path=path, seconds=seconds + time.perf_counter() - started, set_up=set_up, iterations=iterations)
 
     return Predictor(name, "reference" if name == REFERENCE else "fe", predict)
+
+
+def reduced(name: str, *, fewer: int = 1) -> Predictor:
+    """The reduced-order model of physics.reduced, on request in so many times fewer steps."""
+
+    def predict(case: Case) -> Prediction:
+        count = max(1, round(case.steps / fewer))
+        started = time.perf_counter()
+        model = Reduced(case.scene, case.mesh)
+        set_up = time.perf_counter() - started
+        try:
+            path = model.path(count)
+        except NoEquilibrium as error:
+            raise LeftOut(f"{error}") from None
+        if count != case.steps:
+            path = between(path, case.steps)
+        return Prediction(path=path, seconds=time.perf_counter() - started - set_up, set_up=set_up, iterations=model.iterations)
+
+    return Predictor(name, "reduced", predict)
 
 
 def follow(scene: Scene, tolerance: float = TOLERANCE) -> tuple[Mesh, Floats, float, float, int]:

@@ -7,6 +7,7 @@ and for a corrected network the equations. Loading a checkpoint or a compiled fo
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from datagen.trajectory import Trajectory
 from learning.checkpoint import Model
+from learning.estimate import estimate
 from learning.predictor import Case, LeftOut, Prediction, Predictor
 from learning.rollout import predict_step, rollout
 from physics.correct import Corrector
@@ -54,6 +56,19 @@ def corrected(model: Model, count: int | None, name: str = "M4GN") -> Predictor:
 
     how = "as the start of Newton" if count is None else f"{count} Newton step{'s' if count > 1 else ''}"
     return Predictor(f"{name}, {how}", "hybrid", predict)
+
+
+def estimated(name: str = "M4GN") -> Predictor:
+    """What a network with scheme = "pose" corrects, without the network: nothing of it is learned."""
+
+    def predict(case: Case) -> Prediction:
+        start, path = time.perf_counter(), np.zeros_like(case.truth)
+        given = np.where(case.trajectory.free[:, None], np.float32(0), case.trajectory.displacement)
+        found = estimate(replace(case.trajectory, displacement=given), np.arange(1, case.steps + 1))
+        path[1:] = found.displacement[:, case.trajectory.body]
+        return Prediction(path=path, seconds=time.perf_counter() - start)
+
+    return Predictor(f"{name}, its estimate alone", "reduced", predict)
 
 
 def corrected_rollout(model: Model, trajectory: Trajectory, scene: Scene, mesh: Mesh, count: int | None) -> tuple[Trajectory, Corrector]:

@@ -2,7 +2,8 @@
 
     loss = mean over free nodes and components of (network(graph) - v / scale)^2
 
-with Adam. Each step draws batch_size frames, with replacement, from all training frames; noise is drawn afresh (data.py).
+with Adam. Each step draws batch_size frames, with replacement, from all training frames, some more often where estimates are
+corrected (data.chances); noise is drawn afresh (data.py).
 Both come from one torch generator whose state travels with the checkpoint. The learning rate is kept for the first half
 of the training and then falls exponentially, where "half" is told by steps / config.steps or by seconds / budget_seconds,
 whichever is further on. A resumed training equals an uninterrupted one to the last bit, unless a time budget gives the
@@ -34,7 +35,7 @@ from tqdm import tqdm
 
 from learning.checkpoint import Model, State, load_weights, read_state, write_state
 from learning.config import TrainConfig
-from learning.data import Case, Normaliser, all_frames, fingerprint, fit_normaliser, load_cases, sample
+from learning.data import Case, Normaliser, all_frames, chances, fingerprint, fit_normaliser, load_cases, sample
 from learning.graph import join
 from learning.m4gn import M4GN
 from learning.rollout import rollout_error
@@ -66,18 +67,20 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         InputError: bad files, a run of other data or config, a damaged checkpoint, a folder that holds a run already
         FloatingPointError: a loss that is not finite; the run folder keeps the last checkpoint
     """
-    start = time.perf_counter()
     out = Path(out)
     if not resume and (out / "last.safetensors").exists():
         raise InputError(f"{out} holds a training already: resume it, or choose another folder")
     cases = load_cases(files_train, config)
-    cases_valid = load_cases(files_valid, config) if files_valid else []
-    frames = all_frames(cases)
+    cases_valid = load_cases(files_valid, config, walk=True) if files_valid else []
+    frames, chance = all_frames(cases), chances(cases)
     about = {"config": to_table(config), "fingerprint": fingerprint(cases), "versions": _versions(), "step": 0,
              "seconds": 0.0, "loss": None, "best_error": None, "best_step": None, "last_error": None}
 
     torch.manual_seed(config.seed)
     network = M4GN(config.network)
+    if config.estimate:  # begin with the estimate as it is
+        torch.nn.init.zeros_(network.decode.third.weight)
+        torch.nn.init.zeros_(network.decode.third.bias)
     optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
     generator = torch.Generator().manual_seed(config.seed)
     if resume:
@@ -95,7 +98,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
     write_whole(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
     write_seen(out, seen(case.trajectory for case in cases))
     curve = _open_curve(out / "curve.jsonl", about["step"])
-    start -= about["seconds"]
+    start = time.perf_counter() - about["seconds"]
     model = Model(config, network, normaliser, str(out))
     losses: list[float] = []
     last = config.steps if steps is None else min(steps, config.steps)
@@ -106,7 +109,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         while not ended:
             rate = learning_rate(config, progress(config, about["step"], time.perf_counter() - start))
             optimizer.param_groups[0]["lr"] = rate
-            losses.append(_step(network, optimizer, normaliser, config, cases, frames, generator))
+            losses.append(_step(network, optimizer, normaliser, config, cases, frames, chance, generator))
             about["step"] += 1
             about["seconds"] = time.perf_counter() - start
             if not math.isfinite(losses[-1]):
@@ -144,9 +147,13 @@ def progress(config: TrainConfig, step: int, seconds: float) -> float:
 
 
 def _step(network: M4GN, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
-          cases: Sequence[Case], frames: NDArray[np.int64], generator: torch.Generator) -> float:
+          cases: Sequence[Case], frames: NDArray[np.int64], chance: Tensor | None, generator: torch.Generator) -> float:
     """One step of Adam on one batch; returns its loss."""
-    drawn = frames[torch.randint(len(frames), (config.batch_size,), generator=generator).numpy()]
+    if chance is None:
+        picked = torch.randint(len(frames), (config.batch_size,), generator=generator)
+    else:
+        picked = torch.multinomial(chance, config.batch_size, replacement=True, generator=generator)
+    drawn = frames[picked.numpy()]
     batch = [sample(cases[which], frame, config, generator) for which, frame in drawn.tolist()]
     free = torch.from_numpy(np.concatenate([cases[which].skeleton.free for which, _ in drawn.tolist()]))
     target = torch.cat([velocity for _, velocity in batch]) / normaliser.velocity  # (N, 3)

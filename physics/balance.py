@@ -86,7 +86,7 @@ class Balance:
 
     def _check(self) -> None:
         free = rigid_motions_left(self.mesh, self.fixed)
-        if free and (self.contact is not None or self.load.any() or self.target.any()):
+        if free and not self.scene.steps.dynamic and (self.contact is not None or self.load.any() or self.target.any()):
             raise InputError(f"support: {free} rigid motion{'s' if free > 1 else ''} of the body left free; fix more components")
         inside = -self.clearance(0.0)
         if inside > GAP_TOLERANCE * self.size:

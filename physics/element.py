@@ -5,20 +5,22 @@ volume V_p [m3] and a gradient g_ap [1/m] for each node a. An element is a choic
 
 standard: g_ap is the gradient of the shape function of node a at the points of a Gauss rule.
 
-reduced (prisms whose triangles lie across a beam): first-order prisms lock in bending, for three reasons. Along the beam,
-    a linear deflection cannot follow a curvature; the slope that is missing turns up as shear, and stiffens a cell of
-    length h in a beam of height H by about h^2 / 2.8 H^2. In the section, strain along the beam varies within a triangle and
-    strain across it cannot, so the lateral contraction is hindered; the nearer Poisson's ratio is to 1/2, the more. And
-    nearly incompressible cells have more points to keep their volume at than they have freedom. So
+mean-dilatation (prisms and hexahedra): nearly incompressible cells have more points to keep their volume at than they have
+    freedom, and lock. All laws in material.py are sums of a part with mu and a part with lambda; the latter is sampled only
+    once in each cell, with the mean gradient (Hughes, The Finite Element Method, section 4.5).
+
+reduced (prisms whose triangles lie across a beam): locks neither then nor in bending. Along the beam, a linear deflection
+    cannot follow a curvature; the slope that is missing turns up as shear, and stiffens cells of length h in a beam of
+    height H by the share G h^2 / E H^2, E and G being Young's and the shear modulus. In the section, strain along the beam
+    varies within a triangle and strain across it cannot, so the lateral contraction is hindered. So
     - the part of W with mu is sampled at mid-height only, at three points of the triangle. It leaves no motion without
       energy but the six rigid ones: the difference of the two triangles' motions enters as stretch along the axis and as
       shear, and both are zero only for a rigid turn;
-    - the part with lambda is sampled once, with the mean gradient (Hughes, The Finite Element Method, section 4.5: selective
-      reduced integration and the mean dilatation).
-    All laws in material.py are sums of these two parts. At mid-height a constant is added to the gradients that gives them the
-    mean of the true ones, integral of grad N_a over the cell divided by V (Flanagan and Belytschko 1981, eq. 16): only then
-    is uniform stress in equilibrium on distorted cells too. Strain in the section that varies along the axis within one cell
-    is not resisted by itself, so this is no element for prisms that lie flat in a plate.
+    - the part with lambda is sampled as above.
+    At mid-height a constant is added to the gradients that gives them the mean of the true ones, the integral of grad N_a
+    over the cell divided by V (Flanagan and Belytschko 1981, eq. 16): only then is uniform stress in equilibrium on
+    distorted cells too. Strain in the section that varies along the axis within one cell is not resisted by itself, so this
+    is no element for prisms that lie flat in a plate.
 
 Legend: C cells, n nodes of a cell (in gmsh's order), P sample points of a cell.
 """
@@ -31,7 +33,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from physics.mesh import Mesh
+from physics.mesh import PLURAL, Mesh
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -75,17 +77,19 @@ def shape_gradients(cell: str, points: ArrayLike) -> Floats:
 
 
 def samples(mesh: Mesh, element: str = "standard") -> Samples:
-    """The sample points of an element on a mesh of solid cells."""
+    """The sample points of an element on a mesh of solid cells. Raises `InputError` for cells that it is not for."""
     gradients, volumes = _isoparametric(mesh, *RULES[mesh.cell])
     if element == "standard":
         return Samples(gradients, volumes, np.ones((len(volumes), 2)))
-    assert element == "reduced" and mesh.cell == "prism", "the scene has been checked"
+    if mesh.cell == "tetrahedron" or (element == "reduced" and mesh.cell != "prism"):
+        raise InputError(f"body.element = {element!r}: not for {PLURAL[mesh.cell]}; leave it out")
     mean, volume = _mean(gradients, volumes)
-    middle, shares = _isoparametric(mesh, *MID_HEIGHT)
-    shares *= volume / shares.sum(axis=0)
-    middle += mean - _mean(middle, shares)[0]
-    return Samples(np.concatenate([middle, mean[None]]), np.concatenate([shares, volume[None]]),
-                   np.array([(0.0, 1.0)] * len(shares) + [(1.0, 0.0)]))
+    if element == "reduced":
+        gradients, volumes = _isoparametric(mesh, *MID_HEIGHT)
+        volumes *= volume / volumes.sum(axis=0)
+        gradients += mean - _mean(gradients, volumes)[0]
+    return Samples(np.concatenate([gradients, mean[None]]), np.concatenate([volumes, volume[None]]),
+                   np.array([(0.0, 1.0)] * len(volumes) + [(1.0, 0.0)]))
 
 
 def _isoparametric(mesh: Mesh, points: Floats, weights: Floats) -> tuple[Floats, Floats]:

@@ -32,6 +32,7 @@ from physics.mesh import Mesh, build_mesh
 from physics.newton import Newton, NoEquilibrium, State
 from physics.quality import smallest_det_f
 from physics.scene import Scene
+from physics.schema import InputError
 from physics.snap import Relaxation
 
 Floats = NDArray[np.float64]
@@ -57,6 +58,7 @@ class Solution:
     halvings: int
     model: dict[str, str]  # what was modelled, and why
     seconds: float
+    kinetic_energy: Floats | None = None  # (T,) [J]; None where inertia is left out
     linear_steps: int = 0  # the first ones, which solve linear elasticity
     resumed: int = 0  # steps that an earlier, unfinished run had reached
     failure: str = ""  # empty when every step was reached
@@ -154,14 +156,8 @@ class Path:
         scene, kinematics = self.balance.scene, self.kinematics
         if self.linear is not None:
             kinematics = self.linear.said(self.states[-1].u)
-        cells = "the cells of the file" if scene.body.shape == "file" else f"{scene.body.cell}s"
-        element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
-        said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells}, of first order{element}"}
-        if scene.obstacle is None:
-            said["contact"] = "none: the scene has no obstacle"
-        else:
-            points = "points of the surface facets" if scene.obstacle.contact == "facets" else "surface nodes"
-            said["contact"] = f"frictionless at {points}, rigid {scene.obstacle.shape}; nothing is solved before it touches"
+        said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells_said(scene)}",
+                "contact": contact_said(scene)}
         return said | {"factor": self.newton.factor.name}
 
     def _predict(self, fraction: float) -> Floats:
@@ -186,6 +182,20 @@ class Path:
         return f"the obstacle moves {stride / self.balance.size:.2g} cell sizes in one step"
 
 
+def cells_said(scene: Scene) -> str:
+    """What a body is meshed with, in words."""
+    element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
+    return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of first order{element}"
+
+
+def contact_said(scene: Scene) -> str:
+    """How contact is treated, in words."""
+    if scene.obstacle is None:
+        return "none: the scene has no obstacle"
+    points = "points of the surface facets" if scene.obstacle.contact == "facets" else "surface nodes"
+    return f"frictionless at {points}, rigid {scene.obstacle.shape}; nothing is solved before it touches"
+
+
 def extrapolate(states: list[State], fraction: float) -> Floats:
     """Displacements (N, 3) of the polynomial through some states (Lagrange's form), at another fraction."""
     at = [state.fraction for state in states]
@@ -195,7 +205,7 @@ def extrapolate(states: list[State], fraction: float) -> Floats:
 
 def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal: str | FilePath | None = None,
           method: str | None = None, spread: bool = False) -> Solution:
-    """Follow the path of a scene from rest through all of its steps.
+    """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
         on_step: called with the number of each step that is reached
@@ -214,7 +224,7 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal
     """
     started, spent = time.perf_counter(), 0.0
     mesh = build_mesh(scene.body)
-    path, frames, failure = Path(scene, mesh, method=method, spread=spread), [], ""
+    path, frames, failure = _way(scene, mesh, method, spread), [], ""
     kept = None if journal is None else Journal(journal, identity(scene, mesh))
     try:
         if kept is not None and kept.frames:
@@ -227,7 +237,7 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal
                 if step:
                     path.advance(step / scene.steps.count)
             except NoEquilibrium as error:
-                failure = f"no equilibrium at step {step}: {error}"
+                failure = f"no {'motion' if scene.steps.dynamic else 'equilibrium'} at step {step}: {error}"
                 break
             frames.append(path.frame())
             if kept is not None:
@@ -245,6 +255,16 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
         model=path.model() | snapped(rows["snap"]),
         seconds=spent + time.perf_counter() - started, resumed=resumed, failure=failure)
+
+
+def _way(scene: Scene, mesh: Mesh, method: str | None, spread: bool) -> Any:
+    if not scene.steps.dynamic:
+        return Path(scene, mesh, method=method, spread=spread)
+    from physics.dynamics import Motion  # which builds on this module
+
+    if spread:
+        raise InputError("steps.dynamic = true: motion in time runs as one process")
+    return Motion(scene, mesh)
 
 
 def identity(scene: Scene, mesh: Mesh) -> str:

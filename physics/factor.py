@@ -80,7 +80,7 @@ class Factor(Protocol):
 
 
 def solver_for(elasticity: Elasticity, *, method: str | None = None, spread: bool = False) -> Factor | Multigrid:
-    """What suits a body: a banded factor where a narrow band is found, nested dissection, or no factor where it is too large.
+    """What suits a body: a factor, or multigrid where that is too large.
 
     Args:
         method: "direct" or "multigrid" instead of the choice by size
@@ -92,10 +92,17 @@ def solver_for(elasticity: Elasticity, *, method: str | None = None, spread: boo
     if band <= WIDEST_BAND:
         return BandFactor(elasticity, order, band)
     dissection = dissect(elasticity.mesh.points, elasticity.cells)
+    if method == "direct" or dissection.numbers <= MOST_NUMBERS:
+        return DissectionFactor(elasticity, dissection)
     size, limit = 8e-9 * dissection.numbers, 8e-9 * MOST_NUMBERS
-    if dissection.numbers > MOST_NUMBERS and method != "direct":
-        return Multigrid(elasticity, why=f"for a factor would take {size:.2g} GB, more than {limit:.2g} GB")
-    return DissectionFactor(elasticity, dissection)
+    return Multigrid(elasticity, why=f"for a factor would take {size:.2g} GB, more than {limit:.2g} GB")
+
+
+def factor_for(elasticity: Elasticity) -> Factor:
+    """The factor that suits a body, whatever it takes: banded when its nodes can be numbered so that the band is narrow."""
+    factor = solver_for(elasticity, method="direct")
+    assert not isinstance(factor, Multigrid)
+    return factor
 
 
 def narrowest_order(elasticity: Elasticity) -> tuple[Integers, int]:

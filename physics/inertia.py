@@ -1,4 +1,4 @@
-"""Whether a loading is slow enough to leave inertia out.
+"""Whether a loading is slow enough to leave inertia out; and where it is not left out, whether the steps are short enough.
 
 A load that rises evenly over a time t makes an undamped mode of period T swing about its static value by
 
@@ -7,6 +7,8 @@ A load that rises evenly over a time t makes an undamped mode of period T swing 
 of it (Clough and Penzien, Dynamics of Structures, 5-2: ramp of finite rise time), the first mode most. Contact makes a body
 stiffer and its periods shorter, so the first period of the free body bounds what a slow obstacle does as well. A path of
 several legs changes its speed at each way-point; t is then the time of one leg.
+
+Steps of length h make a period T longer by (2 pi h / T)^2 / 12 of it (dynamics.py).
 """
 
 from __future__ import annotations
@@ -21,8 +23,12 @@ FAIR = 0.01  # largest share of the static displacement that may swing
 def inertia(scene: Scene, frequency: float) -> str:
     """What is done about inertia and why, in words; frequency [Hz] of the first mode, zero when a motion is left free."""
     if not frequency > 0:
+        if scene.steps.dynamic:
+            return "in motion, energy kept step by step; the supports leave a motion free"
         return "left out: the supports leave a motion free, which has no period to compare the loading with"
     period, duration = 1 / frequency, scene.steps.duration
+    if scene.steps.dynamic:
+        return _resolved(scene, period)
     mode = f"the first mode ({frequency:.4g} Hz)"
     if duration is None:
         fair = fair_duration(scene, period)
@@ -32,6 +38,16 @@ def inertia(scene: Scene, frequency: float) -> str:
     said = (f"left out: the loading takes {duration:g} s, {duration / period:.3g} periods of {mode}, so that the body swings by at most "
             f"{swing:.2g} of its static displacement")
     return said if swing <= FAIR else said + f"; above {FAIR:g} this matters: [steps] dynamic = true has inertia"
+
+
+def _resolved(scene: Scene, period: float) -> str:
+    """How well the steps of a dynamic scene resolve a first period [s], in words."""
+    assert scene.steps.duration is not None
+    h = scene.steps.duration / scene.steps.count
+    longer, fastest = (2 * math.pi * h / period) ** 2 / 12, 1 / (10 * h)
+    return (f"in motion, energy kept step by step: {period / h:.3g} steps of {h:.3g} s for a period of the first mode "
+            f"({1 / period:.4g} Hz), which comes out longer by {longer:.1e} of it; modes above {fastest:.3g} Hz have less than 10 "
+            "steps for a period")
 
 
 def fair_duration(scene: Scene, period: float) -> float:

@@ -49,6 +49,7 @@ class Journal:
         self.path, self.frames, self.memory = Path(path), {}, {}  # type: Path, Arrays, Arrays
         self._waiting: list[Arrays] = []
         self._saved = time.monotonic()
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         self._file = io.FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o666), "r+")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)

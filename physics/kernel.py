@@ -33,6 +33,10 @@ Floats = NDArray[np.float64]
 PACK = r"""
 #include <cmath>
 #include <cstdint>
+#ifdef __x86_64__  /* libmvec has these for eight numbers at once; glibc's header says so only where nan is ruled out */
+extern "C" __attribute__((simd("notinbranch"))) double log(double) noexcept;
+extern "C" __attribute__((simd("notinbranch"))) double exp(double) noexcept;
+#endif
 typedef double v8 __attribute__((vector_size(64)));
 struct pack {
   v8 x;

@@ -174,9 +174,10 @@ def unique_edges(cells: Integers, cell: str) -> Integers:
 
 
 def write_mesh(path: str | Path, mesh: Mesh, fields: dict[str, Floats]) -> None:
-    """Write a mesh and its nodal fields (N,) or (N, 3) to a file of any kind that meshio knows by its ending."""
+    """Write a mesh and its nodal fields (N,) or (N, 3) to a file of any kind that meshio knows by its ending; its folder is made."""
     import meshio
 
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
     kind = {"prism": "wedge", "tetrahedron": "tetra", "quadrilateral": "quad"}.get(mesh.cell, mesh.cell)
     meshio.Mesh(mesh.points, [(kind, mesh.cells)], point_data=fields).write(path)
 

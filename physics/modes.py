@@ -118,7 +118,8 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
     largest = np.take_along_axis(shapes.reshape(count, -1), abs(shapes).reshape(count, -1).argmax(axis=1)[:, None], axis=1)
     sign = np.where(largest < 0, -1.0, 1.0)  # (m, 1)
     still = np.zeros((3 - mesh.dimension,))
-    cells = f"{PLURAL[mesh.cell]} of order {scene.body.order}" + (", reduced element" if scene.body.element == "reduced" else "")
+    cells = f"{PLURAL[mesh.cell]} of order {scene.body.order}" + (
+        "" if scene.body.element == "standard" else f", {scene.body.element} element")
     return Modes(
         mesh=mesh, eigenvalues=pairs.values, shapes=shapes * sign[:, :, None] / np.sqrt(thickness), residuals=pairs.residuals,
         participation=np.pad(participation * sign, ((0, 0), (0, len(still)))) * np.sqrt(thickness),

@@ -9,13 +9,13 @@ contact couple nodes of one facet only, so the sum has the sparsity of K. It is 
 a solution. The preconditioner is smoothed aggregation (GAMG) for K alone, told the rigid motions that K hardly resists and set up again
 when the iterations it needs grow, between exact solutions at the nodes in contact.
 
-Every process holds the whole body and all displacements; rows of the matrix and of the vectors are dealt out along the body's
-longest extent, so processes share assembly and solution. Legend: N nodes, C cells, q points near the obstacle, n nodes behind them.
+Every process holds the whole body and all displacements; rows of the matrices and of the vectors are dealt out along the body's
+longest extent, so processes share the solution. Legend: N nodes, C cells, q points near the obstacle, n nodes behind them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -78,9 +78,6 @@ class Multigrid:
         ends = np.arange(self.comm.size + 1) * len(points) // self.comm.size
         self._first, self._last = (int(end) for end in ends[self.comm.rank:self.comm.rank + 2])
         self._share = 3 * np.diff(ends)
-        touching = ((self._place[elasticity.cells] >= self._first) & (self._place[elasticity.cells] < self._last)).any(axis=1)
-        mine = replace(elasticity.mesh, cells=elasticity.mesh.cells[touching])
-        self._part = Elasticity(mine, elasticity.material, elasticity.fixed, elasticity.element)
         self._lay_out()
         self._set_matrices()
 
@@ -88,7 +85,7 @@ class Multigrid:
         """Assemble the stiffness at displacements (N, 3)."""
         self._stiffness[:] = 0.0
         for slot in self._slots:
-            self._part.add_stiffness(u, slot, self._stiffness)
+            self.elasticity.add_stiffness(u, slot, self._stiffness)
 
     def solve(self, force: Floats) -> Floats:
         """K^-1 f for nodal forces (N, 3) [N]: displacements (N, 3) [m], zero on held components. Raises `NotSolved`."""
@@ -191,7 +188,7 @@ class Multigrid:
 
     def _lay_out(self) -> None:
         """The sparsity of this process's rows, and where each entry of each of its cells goes; one place more is for the rest."""
-        nodes, block = len(self._place), self._place[self._part.cells]  # (C, n)
+        nodes, block = len(self._place), self._place[self.elasticity.cells]  # (C, n)
         own = np.repeat(((block >= self._first) & (block < self._last))[:, :, None], block.shape[1], axis=2)
         key = block[:, :, None] * nodes + block[:, None, :]
         self._pairs, inverse = np.unique(key[own], return_inverse=True)
@@ -213,7 +210,7 @@ class Multigrid:
         self._held = self._at[diagonal] + (self._width[diagonal] + 1) * (mine % 3)
         pair = np.full(own.shape, -1)
         pair[own] = inverse.ravel()
-        upper = self._part.pairs(self._unknown)
+        upper = self.elasticity.pairs(self._unknown)
         self._slots = []
         # The upper half of each cell's matrix is added twice, once to the entry and once to its mirror image.
         for mirror in (False, True):

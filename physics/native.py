@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
+import platform
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 
 from physics import fem
 
+LINK = ["-lmvec"] if platform.machine() == "x86_64" else []  # glibc's functions of several numbers at once
+
 
 def compiled(source: Callable[[], str] | str, *key: str) -> ctypes.CDLL:
     """The library of a C++ source. A source that is costly to write is a function, and its key says all that it depends on.
@@ -24,12 +27,12 @@ def compiled(source: Callable[[], str] | str, *key: str) -> ctypes.CDLL:
     """
     folder = fem.cache_folder()
     folder.mkdir(parents=True, exist_ok=True)
-    name = hashlib.sha256("\n".join([*fem.COMPILE, *(key or (str(source),))]).encode()).hexdigest()[:32]
+    name = hashlib.sha256("\n".join([*fem.COMPILE, *LINK, *(key or (str(source),))]).encode()).hexdigest()[:32]
     library = folder / f"kernel_{name}.so"
     if not library.exists():
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             (Path(scratch) / "kernel.cpp").write_text(source if isinstance(source, str) else source())
-            command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp"]
+            command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp", *LINK]
             made = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
             if made.returncode:
                 raise RuntimeError(f"g++ could not compile a kernel: {made.stderr.strip().splitlines()[0]}")

@@ -157,6 +157,10 @@ class Newton:
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
 
+    def outdate(self) -> None:
+        """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
+        self._stale = True
+
     def improve(self, fraction: float, start: Floats, last: State, *, count: int) -> State:
         """At most `count` Newton steps from a start (N, 3), contact included; fewer when they reach an equilibrium.
 
@@ -169,8 +173,13 @@ class Newton:
         """
         balance, outer, state = self.balance, fraction * self.balance.load, last
         limit = TURNED * float(np.ptp(balance.mesh.points, axis=0).min())
-        if self._stale or np.sqrt(((last.u - self._factored_at) ** 2).sum(axis=1).max()) > limit:
-            self._refactor(last.u)  # an equilibrium, or nearly one; a bad guess may be anything
+        # Corrected by a single step, the last state may be farther from equilibrium than this guess, and so on from frame to frame;
+        # corrected by more it is smoother than any guess, whose noise stiffens and softens cells at random.
+        best = start if count == 1 else last.u
+        if self._stale or np.sqrt(((best - self._factored_at) ** 2).sum(axis=1).max()) > limit:
+            self._refactor(best)
+            if self.factor is not self._definite:  # a guess so bad that the body would buckle
+                self._refactor(last.u)
         u, pressure = start, last.pressure
         touch = self._touch(fraction, u, pressure)
         force = balance.elasticity.force(u) - outer
@@ -310,6 +319,7 @@ class Newton:
                 return solver.step(force, self.tolerance)
             near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
             nodes, gradient, bend = touch.rows(near)
+            bend = bend if self.round_obstacle else bend[:0]
             felt = Felt(touch.zone.nodes[nodes], gradient, bend, touch.gap[near], touch.zone.softness[near], touch.pressure[near])
             step = solver.step(force, self.tolerance, felt)
         except NotSolved as error:

@@ -1,8 +1,8 @@
 """What is simulated: a body, its material, its supports and loads, a rigid obstacle, and the steps.
 
 A scene is a TOML file, read into frozen dataclasses that carry unit and bounds of every key. Coordinates are
-Cartesian [m]; the body is given in its stress-free rest state. Loading is quasi-static: step s = 0 .. count is a
-fraction s/count of the loading, not a time.
+Cartesian [m]; the body is given in its stress-free rest state. Step s = 0 .. count is a fraction s/count of the loading; it is a
+time only in dynamic scenes.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ class Body:
     strain across it (plane = "strain", the default: a slice of a long body) or with no stress ("stress": a thin sheet);
     `thickness` is its extent across [m].
 
-    `element` = "reduced" samples the prisms of a beam at fewer points (element.py): they then bend as they should.
+    `element` is how first-order cells are sampled (element.py): "reduced" lets the prisms of a beam bend as they should,
+    "mean-dilatation" frees prisms and hexahedra of locking near a Poisson ratio of 1/2.
     """
 
     shape: str = quantity("beam", choice=tuple(KEYS))
@@ -59,7 +60,7 @@ class Body:
     cell_size: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     cell: str = quantity("prism", choice=SOLID_CELLS + PLANE_CELLS)
     order: int = quantity(1, at_least=1, at_most=2)
-    element: str = quantity("standard", choice=("standard", "reduced"))
+    element: str = quantity("standard", choice=("standard", "mean-dilatation", "reduced"))
     path: str | None = None
     hole_centre: tuple[float, float] | None = quantity(None, unit="m")
     hole_radius: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
@@ -118,11 +119,15 @@ class Support:
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """A dead load, reached linearly at the last step: a traction [Pa] on a face, or an acceleration [m/s2] of the body."""
+    """A dead load, reached linearly at the last step: a traction [Pa] on a face, or an acceleration [m/s2] of the body.
+
+    With `sudden` it acts in full from the start, in dynamic scenes only.
+    """
 
     where: str | None = None
     traction: Vector | None = quantity(None, unit="Pa")
     acceleration: Vector | None = quantity(None, unit="m/s2")
+    sudden: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,10 +149,16 @@ class Obstacle:
 
 @dataclass(frozen=True, kw_only=True)
 class Steps:
-    """The number of equal steps in which the loading is applied, and the time that it takes."""
+    """The number of equal steps in which the loading is applied, and the time that it takes.
+
+    `dynamic` gives the body inertia; then `duration` is needed, and `velocity` is that of the whole body at the start, but for
+    what is held.
+    """
 
     count: int = quantity(400, at_least=1, at_most=1_000_000)
     duration: float | None = quantity(None, unit="s", above=0, at_least=1e-9, at_most=1e9)
+    dynamic: bool = False
+    velocity: Vector | None = quantity(None, unit="m/s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,6 +236,12 @@ def read_scene(table: dict[str, Any]) -> Scene:
             raise InputError(f"load[{i}]: give exactly one of traction and acceleration")
         if (load.traction is None) != (load.where is None):
             raise InputError(f"load[{i}]: a traction needs a where, an acceleration takes none")
+        if load.sudden and not scene.steps.dynamic:
+            raise InputError(f"load[{i}].sudden: a load can only be sudden where [steps] dynamic = true")
+    if scene.steps.dynamic and scene.steps.duration is None:
+        raise InputError("steps.duration: missing; dynamic = true needs it")
+    if scene.steps.velocity is not None and not scene.steps.dynamic:
+        raise InputError("steps.velocity: needs dynamic = true")
     if scene.obstacle is not None:
         scene = replace(scene, obstacle=_complete(scene.obstacle))
     return scene
@@ -256,6 +273,10 @@ def _check_body(body: Body, given: dict[str, Any]) -> None:
         raise InputError("body.order = 2: prisms are of first order only; take cell = \"tetrahedron\" or \"hexahedron\"")
     if body.element == "reduced" and (body.shape != "beam" or body.cell != "prism" or body.extent[0] < max(body.extent[1:])):
         raise InputError("body.element = \"reduced\": only for a beam of prisms that is at least as long as wide and high; leave it out")
+    if body.element == "mean-dilatation" and body.shape != "file" and body.cell not in ("prism", "hexahedron"):
+        raise InputError(f"body.element = \"mean-dilatation\": only for prisms and hexahedra, not for cell = {body.cell!r}; leave it out")
+    if body.element != "standard" and body.order == 2:
+        raise InputError(f"body.element = {body.element!r}: for cells of first order only; leave it or order = 2 out")
     if body.shape in ("beam", "plate"):
         if (body.cells is None) == (body.cell_size is None):
             raise InputError("body: give exactly one of cells and cell_size")

@@ -30,11 +30,11 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats) -> Floats:
     corners = mesh.points[mesh.cells[near]]  # (M, k, n, 3)
     at = np.full((*near.shape, 3), 0.25 if mesh.cell == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
     for _ in range(NEWTON_STEPS):
-        values, gradients = _shapes(mesh.cell, at)
+        values, gradients = shapes(mesh.cell, at)
         missing = points[:, None] - np.einsum("mkn,mknd->mkd", values, corners)
         jacobian = np.einsum("mkne,mknd->mkde", gradients, corners)
         at = at + np.linalg.solve(jacobian, missing[..., None])[..., 0]
-    values, _ = _shapes(mesh.cell, at)
+    values, _ = shapes(mesh.cell, at)
     astray = np.linalg.norm(points[:, None] - np.einsum("mkn,mknd->mkd", values, corners), axis=-1)
     outside = np.maximum(-values.min(axis=-1), 0) + astray / np.ptp(corners, axis=2).max(axis=-1)  # (M, k)
     best = np.argmin(outside, axis=1)[:, None]
@@ -45,7 +45,7 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats) -> Floats:
     return np.einsum("mn,tmnd->tmd", weights, displacement[:, nodes])
 
 
-def _shapes(cell: str, at: Floats) -> tuple[Floats, Floats]:
+def shapes(cell: str, at: Floats) -> tuple[Floats, Floats]:
     """(..., n) shape functions and (..., n, 3) their gradients at places (..., 3) in a cell's coordinates, each 0 .. 1.
 
     All are products of the linear functions of a line, a triangle or a tetrahedron; one of them is negative outside.

@@ -112,7 +112,8 @@ def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | 
 
 
 def _write_film(path: str | Path, pictures: list[Image.Image], durations: list[int]) -> None:
-    """A GIF that runs for ever; durations [ms]. One palette for all pictures, so that colours do not flicker."""
+    """A GIF that runs for ever, in a folder that is made; durations [ms]. One palette for all pictures, so that colours do not flicker."""
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
     few = [np.asarray(picture) for picture in pictures[::max(1, len(pictures) // 4)] + pictures[-1:]]
     palette = Image.fromarray(np.concatenate(few)).quantize(256, method=Image.Quantize.MEDIANCUT)
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]

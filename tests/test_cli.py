@@ -116,12 +116,18 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
     assert result["steps"] == 4
     result = run_json(capsys, "rollout", trained, first, "--out", tmp_path / "p.vtkhdf")
     assert result["steps"] == 10 and result["rmse_all"] > 0
+    better = run_json(capsys, "rollout", trained, first, "--out", tmp_path / "c.vtkhdf", "--correct", "3")
+    assert better["rmse_all"] < 0.01 * result["rmse_all"]  # however little the network has learned
     result = run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first, "--out", tmp_path / "verified")
     assert result["rmse_all"] == pytest.approx(run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first)["rmse_all"])
     assert {"rmse_1_pooled", "gf_h", "energy_error", "reaction_error", "estimated_error", "worst_step"} <= result.keys()
     assert (tmp_path / "verified" / "worst.png").stat().st_size > 1000
     result = run_json(capsys, "view", tmp_path / "p.vtkhdf", "--out", tmp_path / "film.gif")
     assert result["pictures"] == 11 and (tmp_path / "film.gif").stat().st_size > 10_000
+    result = run_json(capsys, "pareto", data, "--run", trained, "--out", tmp_path / "pareto", "--split", "train", "--count", "1",
+                      "--repeats", "1")
+    assert {"M4GN", "M4GN, 1 Newton step", "M4GN, as the start of Newton", "reduced-order model"} <= {row["name"] for row in result["rows"]}
+    assert result["outside"].keys() == {"0000"} and (tmp_path / "pareto" / "table.csv").exists()
     with h5py.File(first, "r+") as file:
         file["VTKHDF/PointData/displacement"][500, 2] += 1e-3
     status, _, err = run(capsys, "dataset", "check", data)
@@ -187,6 +193,11 @@ def test_demo_with_little_training(capsys, tmp_path, monkeypatch):
     (["rollout", "none", "none.vtkhdf", "--out", "p.vtkhdf"], "none"),
     (["train", "none.toml", "--data", "none", "--out", "run"], "none.toml"),
     (["evaluate", "none", "--data", "none"], "none"),
+    (["evaluate", "none", "--data", "none", "--out", "a/b"], "none"),
+    (["pareto", "none"], "no trajectory files"),
+    (["pareto", "{scene}", "--run", "none"], "no such checkpoint"),
+    (["pareto", "none.toml", "--out", "a/b"], "none.toml"),
+    (["verify", "none.vtkhdf", "--reference", "none.vtkhdf", "--out", "a/b"], "no such file"),
     (["view", "none.vtkhdf"], "no such file"),
     (["segment", "none.vtkhdf"], "no such file"),
 ])
@@ -199,3 +210,4 @@ def test_bad_input_ends_in_one_line_and_status_2(capsys, scene, tmp_path, monkey
     out, err = capsys.readouterr()
     assert status == 2 and out == ""
     assert err.count("\n") == 1 and words in err
+    assert {path.name for path in tmp_path.iterdir()} == {"scene.toml"}  # nothing is left behind

@@ -12,6 +12,7 @@ import pytest
 
 from datagen.generate import trajectory_of
 from datagen.trajectory import write_trajectory
+from learning.compare import compare, predictors
 from learning.config import TrainConfig
 from learning.evaluate import evaluate
 from learning.m4gn import M4GNConfig
@@ -210,3 +211,24 @@ def test_what_cannot_be_the_truth_is_refused(tmp_path):
         evaluate(tmp_path, [], tmp_path / "report")
     with pytest.raises(InputError, match="no such checkpoint"):
         evaluate(tmp_path, [Path("t.vtkhdf")], tmp_path / "report")
+
+
+def test_compare_runs_every_rival_on_one_scene(tmp_path):
+    """A scene file, no run: finite elements in all their cheap forms and the reduced model, on one picture."""
+    (tmp_path / "press.toml").write_text(pressed(steps={"count": 10}).to_toml())
+    result = compare(tmp_path / "press.toml", [], tmp_path / "report", repeats=2)
+    rows = {row["name"]: row["scores"] for row in result["rows"]}
+    assert len(rows) == 12 and "press" in result["cases"]
+    own = rows[REFERENCE]["rmse_refined"]
+    assert rows["reduced-order model"]["rmse_refined"] < 1.5 * own  # its own error is below the mesh's
+    assert rows["FE, tolerance 0.01"]["rmse_all"] < 0.05 * own
+    assert rows["FE, linear elasticity"]["rmse_all"] > own  # turned by a third of a radian
+    assert rows["FE, tolerance 0.01"]["iterations"] < rows[REFERENCE]["iterations"]
+    assert all(0 < row["ms_per_step_alone"] <= row["ms_per_step"] for row in rows.values())
+    assert "No learned simulator" in result["summary"] and (tmp_path / "report" / "report.html").exists()
+    assert not list((tmp_path / "report").glob("frame_*"))
+
+
+def test_two_runs_of_one_name_are_refused(tmp_path):
+    with pytest.raises(InputError, match="different names"):
+        predictors({"a/run": None, "b/run": None})

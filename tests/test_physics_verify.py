@@ -104,3 +104,47 @@ def test_enough_correction_is_the_finite_element_solution(case):
         u = u + checker.correction(u, 1.0)
         errors.append(abs(u - truth).max())
     assert errors[0] < 0.2e-3 and errors[-1] < 1e-5 * abs(truth).max()
+
+
+def test_one_node_out_of_place_is_found_by_the_largest_distance_not_by_the_mean(case):
+    _, solution, free = case
+    u, step = solution.displacement.copy(), 12
+    inner = np.flatnonzero(np.all(abs(solution.mesh.points - [0.03, 0.01, 0.01]) < 1e-9, axis=1))[0]
+    u[step, inner] += [0, 1e-3, 0]  # a fifth of a cell
+    fidelity, truth = check(case, u), check(case, solution.displacement)
+    # One of some 300 nodes in one of 20 frames: the mean forgets it, the largest distance has it whole, once in 20 frames.
+    assert fidelity.rmse_all == pytest.approx(1e-3 / np.sqrt(20 * free.sum()))
+    assert fidelity.gf_h == pytest.approx(1e-3 / 20)
+    assert fidelity.worst_step == step
+    assert fidelity.relative_residual > 0.1 and fidelity.stress_error > 0.05
+    assert fidelity.smallest_scaled_jacobian < 0.95 * truth.smallest_scaled_jacobian
+    assert fidelity.inverted_elements == 0
+
+
+def test_a_mirrored_motion_is_found_by_obstacle_and_residual_not_by_its_energy(case):
+    _, solution, _ = case
+    mesh, flip = solution.mesh, np.array([1, 1, -1])
+    image = (mesh.points - [0, 0, 0.02]) * flip
+    partner = np.argmin(np.linalg.norm(mesh.points[:, None] - image, axis=2), axis=1)
+    assert abs(mesh.points[partner] - (mesh.points * flip + [0, 0, 0.02])).max() < 1e-12
+    fidelity = check(case, solution.displacement[:, partner] * flip)
+    # The cells are cut by diagonals, so the mirror image has not quite the same energy.
+    assert fidelity.energy_error < 0.01
+    assert fidelity.largest_penetration > 5e-3  # bent up, into the cylinder that comes down
+    assert fidelity.relative_residual > 0.1
+    assert fidelity.rmse_all > np.sqrt(np.mean(np.sum(solution.displacement[1:] ** 2, axis=2)))
+
+
+def test_another_poisson_ratio_is_found_by_residual_stress_and_estimate(case):
+    """A prediction of the same body in another material, held against its own scene: the estimate knows the error unseen."""
+    scene = case[0]
+    other = solve(replace(scene, material=replace(scene.material, poisson_ratio=0.3)))
+    fidelity = check(case, other.displacement)
+    assert fidelity.relative_residual > 0.1 and fidelity.stress_error > 0.05
+    assert fidelity.effectivity == pytest.approx(1, abs=0.2)  # Newton's step from 3 % of strain away
+
+
+def test_the_truth_has_no_stress_error_and_the_ideal_figures_of_its_mesh(case):
+    fidelity = check(case, case[1].displacement)
+    assert fidelity.stress_error == 0 and np.isnan(fidelity.effectivity)
+    assert 0 < fidelity.smallest_scaled_jacobian < 1 and 0 < fidelity.smallest_det_f < 1.1

@@ -1,0 +1,119 @@
+"""A trained network on scenes unlike those it was trained on: error, drift, cells turned inside out.
+
+    .venv/bin/python benchmarks/stability.py RUN --data DIR                       scenes of the test split, changed
+    .venv/bin/python benchmarks/stability.py RUN --data DIR --case large long
+
+Each changed scene is solved by finite elements here, and the rollout is held against that at about FRAMES frames:
+
+    as drawn            the scene itself
+    never touches       the obstacle moves past, beside the body
+    leaves again        and goes back the way it came
+    coarse, fine        cells of twice and half the size
+    large               the same number of scenes of the family beam-large
+    long                2000 steps
+    disturbed           (scheme "step") free nodes start from noise of 1e-3 m; a pose has no start
+
+drift: root mean square error of the last tenth of the frames over that of the tenth in the middle.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+import numpy as np
+import torch
+
+from datagen.dataset import files
+from datagen.family import draw, load_family
+from datagen.generate import trajectory_of
+from datagen.trajectory import read_trajectory
+from learning.checkpoint import load_model
+from learning.data import build_case
+from learning.rollout import walk
+from physics.equilibrium import solve
+from physics.fem import release
+from physics.quality import inverted_cells, rmse, smallest_det_f
+from physics.scene import read_scene
+
+torch.set_num_threads(1)
+FRAMES = 50
+
+
+def changed(scene, case):
+    """The scene of a case."""
+    body, obstacle = scene.body, scene.obstacle
+    path = np.array(obstacle.path)
+    if case == "never touches":
+        way = np.array([0.0, 0.0, 3 * max(body.extent) * (1 if path[0, 2] > body.extent[2] / 2 else -1)])
+        return replace(scene, obstacle=replace(obstacle, path=tuple(map(tuple, (path + way).tolist()))))
+    if case == "leaves again":
+        return replace(scene, obstacle=replace(obstacle, path=(*obstacle.path, *obstacle.path[-2::-1])))
+    if case in ("coarse", "fine"):
+        return replace(scene, body=replace(body, cell_size=body.cell_size * (2 if case == "coarse" else 0.5)))
+    if case == "long":
+        return replace(scene, steps=replace(scene.steps, count=2000))
+    return scene
+
+
+def measured(model, trajectory, disturbed=False):
+    """The figures of one trajectory."""
+    truth, free, body = trajectory.displacement, trajectory.free, trajectory.body
+    last = len(truth) - 1
+    frames = np.unique(np.linspace(0, last, min(FRAMES, last) + 1).round().astype(int))[1:]
+    start = np.zeros(truth.shape[1:])
+    if disturbed:
+        start[free] = 1e-3 * np.random.default_rng(0).normal(size=(free.sum(), 3))
+    blind = replace(trajectory, displacement=np.where(free[:, None], 0, truth).astype(np.float32))
+    case = build_case(blind, model.config, targets=frames if model.config.scheme == "pose" else None)
+    path = walk(model, case, start=start)
+    error = np.array([rmse(path[frame], truth[frame], free) for frame in frames])
+    middle, end = np.array_split(error, 10)[5], np.array_split(error, 10)[-1]
+    found = {"rmse_all": float(np.sqrt(np.mean(error**2))), "largest": float(error.max()),
+             "drift": float(np.sqrt(np.mean(end**2)) / max(np.sqrt(np.mean(middle**2)), 1e-12)),
+             "nothing_moves": rmse(0 * truth[frames], truth[frames], free)}
+    if case.estimate is not None:
+        rows = np.searchsorted(case.estimate.frames, frames)
+        found["estimate_alone"] = rmse(case.estimate.displacement[rows], truth[frames], free)
+    mesh = trajectory.mesh
+    found["inverted_cells"] = int(inverted_cells(mesh.points, path[frames][:, body], mesh.cells, mesh.cell).max())
+    found["smallest_det_f"] = float(smallest_det_f(mesh.points, path[frames][:, body], mesh.cells, mesh.cell).min())
+    return found
+
+
+def main():
+    names = ["as drawn", "never touches", "leaves again", "coarse", "fine", "large", "long", "disturbed"]
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("run")
+    parser.add_argument("--data", required=True)
+    parser.add_argument("--count", type=int, default=3)
+    parser.add_argument("--case", nargs="*", choices=names, default=names)
+    options = parser.parse_args()
+    model = load_model(options.run)
+    scenes = [read_scene(tomllib.loads(read_trajectory(path).scene)) for path in files(options.data, "test")[:options.count]]
+    large = load_family("beam-large")
+    for case in options.case:
+        if case == "disturbed" and model.config.scheme == "pose":
+            continue
+        found = []
+        for i, scene in enumerate(scenes):
+            wanted = draw(large, 0, i) if case == "large" else changed(scene, case)
+            solution = solve(wanted)
+            if solution.failure:
+                print(json.dumps({"case": case, "left out": solution.failure}), flush=True)
+                continue
+            found.append(measured(model, trajectory_of(wanted, solution=solution), case == "disturbed"))
+            release()
+        gather = {"largest": max, "inverted_cells": max, "smallest_det_f": min}
+        print(json.dumps({"case": case, "scenes": len(found)} | {key: float(gather.get(key, np.mean)([each[key] for each in found]))
+                                                                 for key in (found[0] if found else {})}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""The reduced-order model: exact where its shapes hold the solution, close where they nearly do."""
+
+import numpy as np
+import pytest
+
+from physics import reduced
+from physics.equilibrium import solve
+from physics.reduced import Reduced
+from physics.verify import Checker
+from tests.scenes import beam, pressed
+
+LINEAR = {"young_modulus": 1e6, "poisson_ratio": 0.4, "law": "linear"}
+
+
+def rms(field):
+    return float(np.sqrt(np.mean(np.sum(field**2, axis=-1))))
+
+
+@pytest.mark.parametrize("loading", [
+    {"load": [{"where": "x-max", "traction": [0.0, 300.0, -200.0]}]},
+    {"support": [{"where": "x-min"}, {"where": "x-max", "fixed": "z", "displacement": [0, 0, -0.002]}]}])
+def test_linear_elasticity_is_solved_exactly(loading):
+    """The response to the load, or to the prescribed motion, is one of the shapes: one Newton step is the solution."""
+    scene = beam(material=LINEAR, steps={"count": 3}, **loading)
+    solution = solve(scene)
+    found = Reduced(scene, solution.mesh).path(3)
+    # The iteration ends at a change of 1e-6 m (SETTLED of a cell of 5 mm), of which a stiffness by differences leaves some 1e-2.
+    np.testing.assert_allclose(found, solution.displacement, atol=5e-8)
+
+
+@pytest.fixture(scope="module")
+def case():
+    scene = pressed()
+    return scene, solve(scene)
+
+
+def test_a_pressed_beam_bends_and_shortens_like_the_whole_model(case):
+    scene, solution = case
+    model = Reduced(scene, solution.mesh)
+    found, truth = model.path(20), solution.displacement
+    # Some fifty shapes for nine hundred unknowns of a stubby beam, turned by a third of a radian, squared a tenth.
+    assert rms(found - truth) < 1e-2 * rms(truth)
+    assert model.shapes.shape[1] < 80
+    checker = Checker(scene, solution.mesh)
+    assert checker.penetration(found[-1], 1.0) < 1e-5
+    held = solution.mesh.places["x-min"]
+    assert not found[:, held].any()
+    np.testing.assert_allclose(model.shapes.T @ model.shapes, np.eye(model.shapes.shape[1]), atol=1e-10)
+
+
+def test_more_modes_come_closer(case, monkeypatch):
+    scene, solution = case
+    errors = []
+    for modes in (2, 4, 8):
+        monkeypatch.setattr(reduced, "MODES", modes)
+        errors.append(rms(Reduced(scene, solution.mesh).path(20) - solution.displacement))
+    assert errors[0] > errors[1] > errors[2]
+
+
+def test_equilibria_do_not_depend_on_the_steps_to_them(case):
+    scene, solution = case
+    few, many = (Reduced(scene, solution.mesh).path(steps)[-1] for steps in (4, 20))
+    # Each ends when a change is below 2e-4 of a cell of 5 mm; what remains is about that, times the rate of convergence.
+    assert abs(few - many).max() < 5e-6
