@@ -11,9 +11,7 @@ import json
 import math
 import os
 import sys
-import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -127,7 +125,8 @@ def simulate(options: Options) -> dict[str, Any]:
               "largest_relative_residual": float(solution.relative_residual.max()),
               "largest_penetration": float(solution.penetration.max()),
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
-              "model": trajectory.extra["model"], "seconds": solution.seconds, "resumed_after_step": solution.resumed}
+              "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
+              "resumed_after_step": solution.resumed}
     _say(options, f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
                   f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
     for what, why in result["model"].items():
@@ -164,22 +163,10 @@ def of_data(options: Options) -> dict[str, Any]:
 
 def segment(options: Options) -> dict[str, Any]:
     """Segments of a trajectory's mesh, written into its file."""
-    import numpy as np
+    from learning.segment_file import segment_file
 
-    from datagen.trajectory import read_sound, write_trajectory
-    from learning.segments import segment as cut
-    from learning.segments import segment_quality
-
-    trajectory = read_sound(options.trajectory, complete=False)
-    started = time.perf_counter()
-    label = cut(trajectory, count=options.segments, method=options.method)
-    seconds = time.perf_counter() - started
-    write_trajectory(options.trajectory, replace(trajectory, segment=label))
-    nodes = np.bincount(label[trajectory.body]).tolist()
-    result = {"segments": len(nodes), "nodes": nodes, **segment_quality(trajectory, label), "seconds": seconds}
-    _say(options, f"{len(nodes)} segments of {min(nodes)} to {max(nodes)} nodes, "
-                  f"conductance {result['conductance']:.3f}, edge-cut ratio {result['edge_cut_ratio']:.3f}: {options.trajectory}")
-    return result
+    return segment_file(options.trajectory, options.segments, _writable(options.picture, ".png"), lambda text: _say(options, text),
+                        method=options.method, tau=options.tau, modes=options.modes, mode_count=options.mode_count)
 
 
 def train(options: Options) -> dict[str, Any]:
@@ -382,8 +369,12 @@ def _parser() -> argparse.ArgumentParser:
     data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
     add_data_verbs(lambda name, about, *positional: verb(name, of_data, *positional, about=about, into=data), _positive)
     add = verb("segment", segment, "trajectory").add_argument
-    add("--segments", type=_positive, default=19, help="how many (19)")
-    add("--method", default="slic-mdod-e", help="metis or slic-mdod-e")
+    add("--segments", type=_segments, default=19, metavar="K", help="how many (19); auto: the number of the best silhouette")
+    add("--method", default="slic-mdod-e", help="metis, slic-od, slic-od-l, slic-od-e, slic-md, slic-mdod-l or slic-mdod-e (the last)")
+    add("--tau", type=float, default=0.5, help="weight of place against obstacle and modes (0.5)")
+    add("--modes", default="elastic", help="elastic, or laplacian for fluids (elastic)")
+    add("--mode-count", type=_positive, default=1, metavar="M", help="how many modes (1)")
+    add("--picture", help="segments on the body at rest, .png")
     add = verb("train", train, "config").add_argument
     add("--data", required=True, help="folder of a data set")
     add("--out", required=True, help="folder of the run")
@@ -417,6 +408,10 @@ def _seed(text: str) -> int:
     if not text.isdigit() or int(text) >= 2**63:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 2^63 - 1")
     return int(text)
+
+
+def _segments(text: str) -> int | str:
+    return text if text == "auto" else _positive(text)
 
 
 def _count(text: str) -> int:

@@ -38,6 +38,7 @@ from physics.schema import InputError
 from physics.supports import held
 
 ATTEMPTS = 5
+AT_ONCE, CLUSTER = 4, 1.02
 STRIDE = 1_000_000  # indices of valid follow those of train at this distance, so that each split can grow by itself
 
 
@@ -49,6 +50,8 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
                   on_step: Callable[[int], None] | None = None) -> Trajectory:
     """The solution of a scene, computed unless given, with its first elastic mode and the obstacle's surface moving along.
 
+    Modes within 2 % of the first frequency belong to it, as the two bending planes of a square beam do: all are kept, four at most.
+
     When the solver stops early the trajectory holds the steps before, is not `complete`, and `extra` says why under
     "failure". `extra` also holds what was modelled, the seconds it took and the number of factorisations. `on_step` is
     called with the number of each step that is reached.
@@ -59,7 +62,8 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     """
     solution = solution or solve(scene, on_step=on_step)
     mesh = solution.mesh
-    modes = elastic_modes(scene, count=1, mesh=mesh)
+    modes = elastic_modes(scene, count=AT_ONCE, mesh=mesh)
+    first = np.flatnonzero(np.array(modes.frequencies_hz) <= CLUSTER * modes.frequencies_hz[0])
     nodes, frames = len(mesh.points), len(solution.displacement)
     kind = np.where(held(scene, mesh).all(axis=1), HANDLE, NORMAL)  # what is held in part moves by itself in the rest
     points, triangles, moved = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3))
@@ -70,7 +74,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         moved = np.repeat(way[:, None], len(around), axis=1)
         points = np.concatenate([mesh.points, around])
     corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
-    shapes = np.pad(modes.pictured, ((0, 0), (0, len(points) - nodes), (0, 0)))
+    shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
     moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
     extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "seconds": solution.seconds,
              "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure}
@@ -83,7 +87,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         types=np.repeat([VTK_TYPE[mesh.cell], VTK_TYPE["triangle"]], [len(mesh.cells), len(triangles)]).astype(np.uint8),
         node_kind=np.concatenate([kind, np.full(len(points) - nodes, OBSTACLE)]).astype(np.uint8),
         displacement=np.concatenate([solution.displacement, moved], axis=1).astype(np.float32),
-        modes=shapes.astype(np.float32), frequencies_hz=tuple(float(hz) for hz in modes.frequencies_hz),
+        modes=shapes.astype(np.float32), frequencies_hz=tuple(float(modes.frequencies_hz[i]) for i in first),
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
                    "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released,

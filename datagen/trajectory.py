@@ -51,8 +51,8 @@ from physics.schema import InputError
 from physics.whole import write_whole
 
 SCHEMA = 1
-NORMAL, OBSTACLE, HANDLE = 0, 1, 3
-KINDS = (0, 1, 2, 3, 4, 5, 6)
+NORMAL, OBSTACLE, AIRFOIL, HANDLE, INFLOW, OUTFLOW, WALL = range(7)
+KINDS = (NORMAL, OBSTACLE, AIRFOIL, HANDLE, INFLOW, OUTFLOW, WALL)
 NODES_OF_TYPE = {5: 3, 9: 4, 10: 4, 12: 8, 13: 6}
 PER_FRAME = ("reaction", "energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual", "snap", "released")
 

@@ -15,6 +15,7 @@ import torch
 
 from datagen.dataset import files
 from datagen.generate import trajectory_of
+from datagen.trajectory import as_solved
 from learning.checkpoint import Model, load_model
 from learning.evaluate import load_cases, report_on
 from learning.predictor import Case, Predictor
@@ -59,10 +60,12 @@ def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, co
 def scene_case(path: str | Path) -> list[Case]:
     """The scene of a file, solved here. Raises `InputError` for a bad scene, RuntimeError for one without a solution."""
     scene = load_scene(path)
+    if scene.steps.dynamic or scene.body.order != 1:
+        raise InputError(f"{path}: the comparison takes quasi-static scenes of first-order cells")
     trajectory = trajectory_of(scene)
     if not trajectory.complete:
         raise RuntimeError(f"{path}: {trajectory.extra['failure']}")
-    return [Case(Path(path).stem, trajectory, scene, build_mesh(scene.body))]
+    return [Case(Path(path).stem, trajectory, as_solved(scene, trajectory, scene.steps.count), build_mesh(scene.body))]
 
 
 def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:

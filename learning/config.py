@@ -1,7 +1,7 @@
 """What a training is asked to do: its frozen dataclass is the schema, the defaults and the documentation of a TOML file.
 
-The defaults are the paper's for DeformingBeam; `configs/m4gn-beam.toml` writes them out, `configs/m4gn-small.toml` is the
-demo's.
+The defaults are the paper's for DeformingBeam, but for the overlap of segments; `configs/m4gn-beam.toml` writes the paper's out,
+`configs/m4gn-small.toml` is the demo's.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from learning.features import METHODS, MODES
 from learning.m4gn import M4GNConfig
-from learning.segments import METHODS
 from physics.schema import InputError, quantity, read_table, read_toml
 
 SCHEMES = ("step", "pose")
@@ -22,7 +22,9 @@ class TrainConfig:
 
     scheme, history, estimate: what is predicted from what, see data.py
     frames: that are learned from in each trajectory, evenly spaced; all by default
-    segments, method, tau: see segments.py
+    segments: K, see segments.py; "auto" picks it for each body, see segment_quality.py
+    method, tau, modes, mode_count: see segments.py and features.py; at least mode_count modes are taken
+    overlap: 1 to let a node also belong to the segments of its mesh neighbours, see m4gn.py
     contact_radius: r_W, the largest distance of a contact edge
     noise: standard deviation of the disturbance of each component of a free node's position
     learning_rate: kept for the first half, then falling exponentially to final_learning_rate
@@ -35,9 +37,12 @@ class TrainConfig:
     history: int = quantity(0, at_least=0, at_most=1)
     estimate: bool = False
     frames: int | None = quantity(None, at_least=1)
-    segments: int = quantity(19, at_least=1, at_most=100_000)
+    segments: int | str = quantity(19, at_least=1, at_most=100_000, choice=("auto",))
     method: str = quantity("slic-mdod-e", choice=METHODS)
     tau: float = quantity(0.5, at_least=0)
+    modes: str = quantity("elastic", choice=MODES)
+    mode_count: int = quantity(1, at_least=1, at_most=100)
+    overlap: int = quantity(0, at_least=0, at_most=1)
     network: M4GNConfig = field(default_factory=M4GNConfig)
     contact_radius: float = quantity(0.002, unit="m", above=0)
     noise: float = quantity(1e-4, unit="m", at_least=0)

@@ -12,7 +12,7 @@ A sample is a graph, a base b and a unit c from which a network's output y (N, 3
     pose      yes        the body as estimated, the obstacle at f   a(f) / c(f)                  e(f)                    c(f)
 
 e is an estimate of the quasi-static state at the obstacle's pose, a the answer to the forces that it leaves over, c the root
-mean square of a (estimate.py): the network learns what is wrong with the estimate in units of about how wrong it is.
+mean square of a (quasistatic.py): the network learns what is wrong with the estimate in units of about how wrong it is.
 
 A stepwise simulator walks on its own predictions, so it is trained on disturbed frames: to every free node, at every access anew,
 
@@ -48,10 +48,12 @@ from datagen.trajectory import Trajectory, problems, read_trajectory
 from learning.config import TrainConfig
 from learning.estimate import Estimate, estimate
 from learning.graph import Graph, Skeleton, build_graph, build_skeleton
+from learning.segment_quality import auto_segment
 from learning.segments import segment
 from physics.schema import InputError
 
 FIT_FRAMES = 1000
+OFTENEST = 5.0  # times the mean that a frame may be drawn on account of its error
 SMALLEST = 1e-8  # [m] unit of a frame whose estimate leaves no force over
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"), "fidelity", "estimates")
 INPUTS = ("node", "mesh_edge", "contact_edge")
@@ -132,11 +134,19 @@ def build_case(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[
         targets: the frames to predict, ascending; all but frame 0 by default
         cache: folder of estimates made before
     """
-    segments = segment(trajectory, count=config.segments, method=config.method, tau=config.tau)
     if targets is None:
         targets = np.arange(1, len(trajectory.displacement))
+    skeleton = build_skeleton(trajectory, segments_of(trajectory, config), overlap=config.overlap, walk=config.network.walk)
     found = estimate(trajectory, targets, cache=cache) if config.estimate else None
-    return Case(trajectory, build_skeleton(trajectory, segments), targets, found)
+    return Case(trajectory, skeleton, targets, found)
+
+
+def segments_of(trajectory: Trajectory, config: TrainConfig) -> NDArray[np.int32]:
+    """(N,) segment of each node, as a config wants them. Raises `InputError` for a mesh that cannot be segmented so."""
+    if isinstance(config.segments, str):
+        return auto_segment(trajectory, method=config.method, tau=config.tau, modes=config.modes, mode_count=config.mode_count)[0]
+    return segment(trajectory, count=config.segments, method=config.method, tau=config.tau, modes=config.modes,
+                   mode_count=config.mode_count)
 
 
 def describe(case: Case, target: int, now: NDArray[np.floating], before: NDArray[np.floating], config: TrainConfig) -> Sample:
@@ -258,7 +268,7 @@ def chances(cases: Sequence[Case]) -> Tensor | None:
         unit = np.array([unit_of(case, frame) for frame in case.targets.tolist()])
         shares.append(unit**2 / np.sqrt(np.mean(unit**2)))
     share = np.concatenate(shares)
-    return torch.from_numpy(share / share.mean() + 1)
+    return torch.from_numpy(np.minimum(share / share.mean(), OFTENEST) + 1)
 
 
 def fingerprint(cases: Sequence[Case]) -> str:

@@ -19,8 +19,9 @@ from datagen.family import counts, draw, load_family
 from datagen.generate import generate
 from datagen.trajectory import read_trajectory
 from learning.config import load_config
+from learning.data import segments_of
 from learning.evaluate import evaluate
-from learning.segments import segment, segment_quality
+from learning.segment_quality import segment_quality
 from learning.train import train
 from physics.modes import elastic_modes, euler_bernoulli_hz
 
@@ -56,7 +57,7 @@ def run(out: Path, *, say: Callable[[str], None], budget_seconds: float | None =
     say(f"\n3  Segments: METIS, then refined by the first elastic mode and the distance to the obstacle ({config.method})")
     first = read_trajectory(files(data, "train")[0])
     for method in ("metis", config.method):
-        label = segment(first, count=config.segments, method=method, tau=config.tau)
+        label = segments_of(first, replace(config, method=method))
         quality = segment_quality(first, label)
         say(f"   {method:12s} " + ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in quality.items()))
 

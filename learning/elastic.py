@@ -46,6 +46,9 @@ class Elastic:
         entries = np.ascontiguousarray(gradient.transpose(0, 1, 3, 2)).ravel()
         self._gradient = sparse.csr_matrix((entries, columns, np.arange(0, len(entries) + 1, n)), shape=(3 * len(self.weights), nodes))
         self._divergence = self._gradient.T.tocsr()
+        node = np.repeat(mesh.cells, len(weight[0]), axis=0).reshape(-1)  # each point's nodes
+        near = sparse.csr_matrix((np.repeat(self.weights, n), (node, np.repeat(np.arange(len(self.weights)), n))))
+        self._around = sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near  # (N, Q) mean over the points around a node
         self.stiffness = self._assemble(mesh.cells, gradient, weight)
         self._free = np.flatnonzero(~self.held)
         self._factor = splu(self.stiffness[self._free][:, self._free].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
@@ -106,6 +109,21 @@ class Elastic:
         shear, bulk = mu * j ** (-2 / 3), lmbda + 2 * mu / 3
         pressure = bulk / 2 * (j * j - 1) - shear / 3 * (f * f).sum(axis=(1, 2))
         return self.force(shear[:, None, None] * f + (pressure / j)[:, None, None] * cofactor)
+
+    def answer(self, u: Floats, force: Floats) -> Floats:
+        """R K^-1 R^T of forces (M,) on the body at displacements (M,): the rest stiffness, turned with each node."""
+        turn = self._rotations(u)
+        turned = np.einsum("nji,nj->ni", turn, force.reshape(-1, 3)).ravel()
+        return np.einsum("nij,nj->ni", turn, self.solve(turned).reshape(-1, 3)).ravel()
+
+    def _rotations(self, u: Floats) -> Floats:
+        """R (N, 3, 3) of the nodes, as far as strains are small: from the mean of H around them, whose skew part is sin(angle)
+        times the axis."""
+        skew = (self._around @ (self._gradient @ u.reshape(-1, 3)).reshape(-1, 9)).reshape(-1, 3, 3)  # (N, ..): H^T
+        skew = (skew.transpose(0, 2, 1) - skew) / 2
+        square = skew @ skew
+        cosine = np.sqrt(np.maximum(1 + np.trace(square, axis1=1, axis2=2) / 2, 0.0))
+        return np.eye(3) + skew + square / (1 + cosine)[:, None, None]
 
     def second(self, a: Floats, b: Floats) -> Floats:
         """(M,) the part of second order of f by Saint Venant-Kirchhoff's law, as a symmetric bilinear form of two H (Q, 3, 3)."""

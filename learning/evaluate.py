@@ -133,7 +133,7 @@ def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, re
                              f"{_range(sorted({case.steps for case in cases}))} steps; free nodes are those that neither a "
                              "support holds nor the obstacle is made of",
         "gathering": "means over trajectories; of penetration, det F, scaled Jacobian and inverted cells the worst",
-        "timing": f"wall time in one process, one predictor after the other on each scene; {timed}",
+        "timing": f"processor time of one process, one predictor after the other on each scene; {timed}",
     }
     for run, model in runs.items():
         about = read_state(Path(run) / "model.safetensors").about
@@ -176,11 +176,31 @@ def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model], s
             if row.kind in ("learned", "hybrid"):
                 notes[0] += (f" {row.name}: {1e3 * row.scores['rmse_refined']:.3g} mm from the finer solution; in "
                              f"{100 * row.scores['below_data']:.0f} % of the frames closer to the data than these to it.")
+    notes += _of_correction(found.rows)
     if runs:
         notes.append("The test scenes lie inside or outside of the ranges listed above. Each quantity is looked at by itself: a scene "
                      "inside of all of them may still combine values as no training scene did." if spans else
                      "The run does not say what it was trained on (no range.json), so how far outside the test scenes lie is not known.")
     return [*notes, *found.notes]
+
+
+def _of_correction(rows: Sequence[Row]) -> list[str]:
+    """What Newton steps make of a network, and what the network is worth as their start: a sentence each."""
+    by_name, said = {row.name: row for row in rows}, []
+    reference = by_name.get(REFERENCE)
+    for row in rows:
+        alone = by_name.get(row.name.rsplit(", ", 1)[0])
+        if row.kind != "hybrid" or alone is None or reference is None:
+            continue
+        if row.name.endswith("Newton"):
+            said.append(f"{row.name}: {row.scores['iterations']:.3g} Newton steps for each step of the loading and "
+                        f"{row.ms_per_step:.3g} ms; from the polynomial through the last states, as the solver starts by itself, "
+                        f"{reference.scores['iterations']:.3g} and {reference.ms_per_step:.3g} ms.")
+        else:
+            said.append(f"{row.name}: the error over whole rollouts falls by a factor of "
+                        f"{alone.scores['rmse_all'] / row.scores['rmse_all']:.3g}, for {row.ms_per_step - alone.ms_per_step:.3g} ms a step "
+                        f"more; the solver itself takes {reference.ms_per_step:.3g} ms.")
+    return said
 
 
 def _material(case: Case) -> str:

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+from learning.encoding import mesh_graph, random_walk, segment_graph
 from physics.mesh import EDGES, VTK_TYPE
 
 KINDS = (NORMAL, OBSTACLE, HANDLE)
@@ -51,6 +52,8 @@ class Skeleton:
     pair: (2, E) senders and receivers of the mesh edges
     rest_edge: (E, 4) float32 rest vector and its norm [m]
     segment: (N,) segment of each node, 0 .. K-1 without gaps
+    shared: (2, M) nodes and the further segments they belong to; None without overlap
+    node_code: (N, w), segment_code: (K, w) random-walk encodings; None without
     """
 
     kind: NDArray[np.float32]
@@ -60,6 +63,9 @@ class Skeleton:
     pair: NDArray[np.int64]
     rest_edge: NDArray[np.float32]
     segment: NDArray[np.int64]
+    shared: NDArray[np.int64] | None = None
+    node_code: NDArray[np.float32] | None = None
+    segment_code: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,7 @@ class Graph:
     mesh_pair: (2, E), contact_pair: (2, W) senders and receivers
     segment: (N,) segment of each node, counted through the batch
     graph_of_segment: (K,) the graph of each segment, ascending from 0
+    shared, node_code, segment_code: as in Skeleton, counted through the batch
     """
 
     node: torch.Tensor
@@ -79,6 +86,9 @@ class Graph:
     contact_pair: torch.Tensor
     segment: torch.Tensor
     graph_of_segment: torch.Tensor
+    shared: torch.Tensor | None = None
+    node_code: torch.Tensor | None = None
+    segment_code: torch.Tensor | None = None
 
 
 def mesh_edges(trajectory: Trajectory) -> NDArray[np.int64]:
@@ -89,12 +99,14 @@ def mesh_edges(trajectory: Trajectory) -> NDArray[np.int64]:
     return np.stack(np.divmod(key, len(trajectory.points)), axis=1)  # (E, 2)
 
 
-def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer]) -> Skeleton:
+def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, overlap: int = 0, walk: int = 0) -> Skeleton:
     """The constant part of a trajectory's graphs; reads nothing of its displacement.
 
     Args:
         trajectory: its points, cells and node kinds are used
         segment: (N,) segment of each node, as `learning.segments.segment` gives it
+        overlap: 1 to let nodes also belong to the segments of their neighbours
+        walk: w, steps of the longest walk of the encodings; 0 for none
     """
     edges = mesh_edges(trajectory)
     senders, receivers = np.concatenate([edges, edges[:, ::-1]]).T  # (2E,) each
@@ -105,7 +117,29 @@ def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer]) -> Skel
     kind = (trajectory.node_kind[:, None] == np.array(KINDS)).astype(np.float32)  # (N, 3)
     held = trajectory.node_kind == HANDLE
     place = (rest - rest[held if held.any() else trajectory.body].mean(axis=0)).astype(np.float32)  # (N, 3)
-    return Skeleton(kind, trajectory.free, rest, place, pair, _with_norm(vector), segment.astype(np.int64))
+    label = segment.astype(np.int64)
+    shared = neighbours(label, pair) if overlap else None
+    node_code = segment_code = None
+    if walk:
+        graph = mesh_graph(pair, len(rest))
+        node_code, segment_code = random_walk(graph, walk), random_walk(segment_graph(graph, label, shared), walk)
+    return Skeleton(kind, trajectory.free, rest, place, pair, _with_norm(vector), label, shared, node_code, segment_code)
+
+
+def neighbours(segment: NDArray[np.int64], pair: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Which segments nodes belong to besides their own when segments overlap by one ring, V_k + Adj(V_k).
+
+    Args:
+        segment: (N,) own segment of each node
+        pair: (2, E) ends of the mesh edges, in both directions
+
+    Returns:
+        (2, M) nodes and segments, each pair once, sorted by node
+    """
+    node, other = pair[0], segment[pair[1]]
+    away = other != segment[node]
+    count = int(segment.max()) + 1
+    return np.stack(np.divmod(np.unique(node[away] * count + other[away]), count))
 
 
 def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: NDArray[np.floating], radius: float,
@@ -131,7 +165,9 @@ def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: ND
         contact_edge=torch.from_numpy(_with_norm(positions[contact[0]] - positions[contact[1]])),
         contact_pair=torch.from_numpy(contact),
         segment=torch.from_numpy(skeleton.segment),
-        graph_of_segment=torch.zeros(segments, dtype=torch.int64))
+        graph_of_segment=torch.zeros(segments, dtype=torch.int64),
+        **{name: None if (array := getattr(skeleton, name)) is None else torch.from_numpy(array)
+           for name in ("shared", "node_code", "segment_code")})
 
 
 def contact_edges(positions: NDArray[np.float64], obstacle: NDArray[np.bool_], radius: float) -> NDArray[np.int64]:
@@ -161,7 +197,16 @@ def join(graphs: Sequence[Graph]) -> Graph:
         contact_edge=torch.cat([graph.contact_edge for graph in graphs]),
         contact_pair=torch.cat([graph.contact_pair + first for graph, first in zip(graphs, nodes, strict=False)], dim=1),
         segment=torch.cat([graph.segment + first for graph, first in zip(graphs, segments, strict=False)]),
-        graph_of_segment=torch.cat([graph.graph_of_segment + first for graph, first in zip(graphs, count, strict=False)]))
+        graph_of_segment=torch.cat([graph.graph_of_segment + first for graph, first in zip(graphs, count, strict=False)]),
+        shared=_joined([None if graph.shared is None else graph.shared + torch.tensor([[node], [segment]])
+                        for graph, node, segment in zip(graphs, nodes, segments, strict=False)], dim=1),
+        node_code=_joined([graph.node_code for graph in graphs]), segment_code=_joined([graph.segment_code for graph in graphs]))
+
+
+def _joined(parts: list[torch.Tensor | None], dim: int = 0) -> torch.Tensor | None:
+    """Parts end to end; None where all of them lack it."""
+    there = [part for part in parts if part is not None]
+    return torch.cat(there, dim=dim) if there else None
 
 
 def _with_norm(vector: NDArray[np.floating]) -> NDArray[np.float32]:

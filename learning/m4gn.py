@@ -1,22 +1,26 @@
 """M4GN: message passing along mesh edges, then a transformer over segments of the mesh.
 
-    encode      h_i = f_n(x_i),  e_ij = f_M(features of mesh edge),  w_ij = f_W(features of contact edge)
+    encode      h_i = f_n(x_i + f_np(p_i)),  e_ij = f_M(features of mesh edge),  w_ij = f_W(features of contact edge)
     L times     e_ij += f_e([e_ij, h_i, h_j]),  w_ij += f_w([w_ij, h_i, h_j]),
                 h_i  += f_h([h_i, sum_j e_ij, sum_j w_ij])
-    pool        s_k = f_s(mean of h_i over segment k)
+    pool        s_k = f_s(mean of h_i over segment k) + f_sp(p_k)
     L_S times   s += O attention(LN s);  s += FFN(LN s)               among the segments of one graph only
-    dispatch    v_i = f_d([h_i, s_k(i)])
+    dispatch    v_i = f_d([h_i, mean of s_k over the segments k of i])
 
 All f are MLPs of three linear layers with ReLU between them, and LayerNorm at the end except in f_d. As in MeshGraphNets,
 from which the paper takes its encoder and processor, edges are updated before the nodes that sum them up (the paper's
 formula has the nodes sum the edges of the step before, which would leave the last edge update without effect).
 
+With walk = w > 0, p are the random-walk encodings of nodes and segments (encoding.py); else their terms are not there. Each node
+has one segment, or, when the graph says that segments overlap, also those of its mesh neighbours; the paper leaves open which
+of several a node gets back, here it is their mean.
+
 The first layer of an edge MLP is linear in [e, h_i, h_j], so W [e, h_i, h_j] = W_e e + (W_i h)_i + (W_j h)_j: the
 products with h are taken once for each node rather than once for each edge. This is exact, up to the order of the sums.
 
 Legend: N nodes, E edges, K segments, B graphs, S most segments in a graph, H hidden size, A heads.
-Source: Lei et al., M4GN (sections "Micro-level module", "Macro-level module"; appendix "M4GN Configurations"), without
-position encodings and overlap; Pfaff et al. 2021, section 3.2; Xiong et al. 2020 for the pre-LN block.
+Source: Lei et al., M4GN (sections "Micro-level module", "Macro-level module"; appendix "M4GN Configurations"); Pfaff et al.
+2021, section 3.2; Xiong et al. 2020 for the pre-LN block.
 """
 
 from __future__ import annotations
@@ -33,12 +37,13 @@ from physics.schema import InputError, quantity
 
 @dataclass(frozen=True, kw_only=True)
 class M4GNConfig:
-    """Sizes of the network; the defaults are the paper's."""
+    """Sizes of the network, the paper's by default; walk: steps of the encodings' longest walk, 0 for no encodings."""
 
     hidden: int = quantity(128, at_least=1, at_most=4096)
     message_steps: int = quantity(7, at_least=1, at_most=100)
     transformer_layers: int = quantity(4, at_least=0, at_most=100)
     heads: int = quantity(8, at_least=1, at_most=256)
+    walk: int = quantity(0, at_least=0, at_most=100)
 
 
 class M4GN(nn.Module):
@@ -56,16 +61,22 @@ class M4GN(nn.Module):
         self.encode_segment = MLP(hidden, hidden, hidden)
         self.transform = nn.ModuleList([TransformerBlock(hidden, config.heads) for _ in range(config.transformer_layers)])
         self.decode = MLP(2 * hidden, hidden, 3, norm=False)
+        if config.walk:
+            self.place_node = MLP(config.walk, hidden, NODE_FEATURES)
+            self.place_segment = MLP(config.walk, hidden, hidden)
 
     def forward(self, graph: Graph) -> Tensor:
         """(N, 3) normalised velocity; meaningless on nodes that are not free."""
-        h = self.encode_node(graph.node)  # (N, H)
+        x = graph.node if graph.node_code is None else graph.node + self.place_node(graph.node_code)
+        h = self.encode_node(x)  # (N, H)
         e = self.encode_mesh(graph.mesh_edge)  # (E, H)
         w = self.encode_contact(graph.contact_edge)  # (W, H)
         for step in self.process:
             h, e, w = step(h, e, graph.mesh_pair, w, graph.contact_pair)
 
-        s = self.encode_segment(mean_of_segments(h, graph.segment, len(graph.graph_of_segment)))  # (K, H)
+        s = self.encode_segment(mean_of_segments(h, graph.segment, len(graph.graph_of_segment), graph.shared))  # (K, H)
+        if graph.segment_code is not None:
+            s = s + self.place_segment(graph.segment_code)
         count = torch.bincount(graph.graph_of_segment)  # (B,)
         slot = torch.arange(len(s), device=s.device) - (count.cumsum(0) - count)[graph.graph_of_segment]  # (K,)
         present = torch.arange(int(count.max()), device=s.device) < count[:, None]  # (B, S)
@@ -74,7 +85,7 @@ class M4GN(nn.Module):
         for block in self.transform:
             padded = block(padded, present)
         s = padded[graph.graph_of_segment, slot]  # (K, H)
-        return self.decode(torch.cat([h, s.index_select(0, graph.segment)], dim=1))  # (N, 3)
+        return self.decode(torch.cat([h, mean_of_own(s, graph.segment, graph.shared)], dim=1))  # (N, 3)
 
 
 class MLP(nn.Module):
@@ -127,10 +138,22 @@ class MessagePassing(nn.Module):
         return h + self.node(torch.cat([h, *sums], dim=1)), e, w
 
 
-def mean_of_segments(h: Tensor, segment: Tensor, count: int) -> Tensor:
-    """(K, H) means of the nodes of each segment."""
-    sums = h.new_zeros(count, h.shape[1]).index_add(0, segment, h)
-    return sums / torch.bincount(segment, minlength=count)[:, None]
+def mean_of_segments(h: Tensor, segment: Tensor, count: int, shared: Tensor | None = None) -> Tensor:
+    """(K, H) means of the nodes of each segment; shared: (2, M) nodes and further segments of theirs."""
+    sums, number = h.new_zeros(count, h.shape[1]).index_add(0, segment, h), torch.bincount(segment, minlength=count)
+    if shared is not None:
+        sums = sums.index_add(0, shared[1], h.index_select(0, shared[0]))
+        number = number + torch.bincount(shared[1], minlength=count)
+    return sums / number[:, None]
+
+
+def mean_of_own(s: Tensor, segment: Tensor, shared: Tensor | None = None) -> Tensor:
+    """(N, H) means over the segments of each node."""
+    own = s.index_select(0, segment)
+    if shared is None:
+        return own
+    number = 1 + torch.bincount(shared[0], minlength=len(segment))
+    return own.index_add(0, shared[0], s.index_select(0, shared[1])) / number[:, None]
 
 
 class TransformerBlock(nn.Module):

@@ -1,7 +1,7 @@
 """Predictors measured on test cases: every prediction through the same verdict, the truth's own error beside it.
 
-Times are wall times of this process, one predictor after the other on each case; with repeats, medians. A prediction that
-takes longer than LONG is timed once: what disturbs it is small against it.
+Times are processor times of this process, which other work on the machine disturbs little, one predictor after the other on each
+case; with repeats, medians. A prediction that takes longer than LONG is timed once: what disturbs it is small against it.
 
 On some cases there is a second truth, the same scene on cells of half the size (datagen.statistics.finer). Errors to it tell
 how far a prediction is from the body rather than from the data, and the reference's own is the error of the data.

@@ -22,8 +22,9 @@ PLACES = [((x * far, y * far), {-1: "right", 0: "center", 1: "left"}[x], {-1: "t
 
 
 def measure_of(rows: list[Row]) -> str:
-    """The error that all rows have: to the solution on finer cells where there is one, else to the data."""
-    return "rmse_refined" if rows and all(not math.isnan(row.scores.get("rmse_refined", math.nan)) for row in rows) else "rmse_all"
+    """The error that all rows have in all trajectories: to the solution on finer cells where there is one, else to the data."""
+    every = [each.get("rmse_refined", math.nan) for row in rows for each in (row.scores, *row.each)]
+    return "rmse_all" if not every or any(map(math.isnan, every)) else "rmse_refined"
 
 
 def front(rows: list[Row], error: str = "rmse_all") -> list[Row]:
@@ -47,7 +48,7 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     to = "the scene on cells of half the size" if error == "rmse_refined" else "the data"
-    axes.set(xscale="log", yscale="log", xlabel="wall time per step [ms], set-up included (end of the bar: excluded)",
+    axes.set(xscale="log", yscale="log", xlabel="processor time per step [ms], set-up included (end of the bar: excluded)",
              ylabel=f"RMSE to {to}, whole rollouts, free nodes [mm]")
     points = {row.name: (row.ms_per_step, 1e3 * row.scores[error]) for row in rows if row.scores[error] > 0 and row.ms_per_step > 0}
     best = [points[row.name] for row in front(rows, error) if row.name in points]

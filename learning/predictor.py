@@ -53,7 +53,7 @@ class Prediction:
 
     path: (T, N, 3) displacements
     one_step: (T - 1, N, 3) predictions of frames 1 .. T - 1, each from the true frame before; None when it starts from none
-    seconds: wall time of all steps; set_up: before the first one, spent anew on each scene
+    seconds: processor time of all steps; set_up: before the first one, spent anew on each scene
     iterations: Newton steps in all, where there are any
     """
 

@@ -44,7 +44,8 @@ class Reduced:
 
     def _orthonormal(self, vectors: Floats) -> Floats:
         stiffness = self._elastic.stiffness
-        vectors = vectors / np.sqrt(np.einsum("mi,mi->i", vectors, stiffness @ vectors))
+        norm = np.sqrt(np.einsum("mi,mi->i", vectors, stiffness @ vectors))
+        vectors = vectors[:, norm > 0] / norm[norm > 0]
         energy, turn = np.linalg.eigh(vectors.T @ (stiffness @ vectors))
         keep = energy > INDEPENDENT * energy[-1]
         return vectors @ (turn[:, keep] / np.sqrt(energy[keep]))

@@ -33,9 +33,9 @@ def trivial() -> list[Predictor]:
 
     def predictor(name: str, rule: Callable[..., tuple[Floats, Floats]]) -> Predictor:
         def predict(case: Case) -> Prediction:
-            start = time.perf_counter()
+            start = time.process_time()
             path, steps = rule(case.truth, case.free)
-            return Prediction(path=path, seconds=time.perf_counter() - start, one_step=steps)
+            return Prediction(path=path, seconds=time.process_time() - start, one_step=steps)
 
         return Predictor(name, "trivial", predict)
 
@@ -91,12 +91,12 @@ def elements(name: str, *, halvings: int = 0, fewer: int = 1, tolerance: float =
             scene = replace(scene, material=replace(scene.material, law=law))
         count = max(1, round(case.steps / fewer))
         mesh, path, set_up, seconds, iterations = follow(replace(scene, steps=Steps(count=count)), tolerance)
-        started = time.perf_counter()
+        started = time.process_time()
         if count != case.steps:
             path = between(path, case.steps)
         if halvings:
             path = interpolate(mesh, path, case.mesh.points)
-        return Prediction(path=path, seconds=seconds + time.perf_counter() - started, set_up=set_up, iterations=iterations)
+        return Prediction(path=path, seconds=seconds + time.process_time() - started, set_up=set_up, iterations=iterations)
 
     return Predictor(name, "reference" if name == REFERENCE else "fe", predict)
 
@@ -106,27 +106,27 @@ def reduced(name: str, *, fewer: int = 1) -> Predictor:
 
     def predict(case: Case) -> Prediction:
         count = max(1, round(case.steps / fewer))
-        started = time.perf_counter()
+        started = time.process_time()
         model = Reduced(case.scene, case.mesh)
-        set_up = time.perf_counter() - started
+        set_up = time.process_time() - started
         try:
             path = model.path(count)
         except NoEquilibrium as error:
             raise LeftOut(f"{error}") from None
         if count != case.steps:
             path = between(path, case.steps)
-        return Prediction(path=path, seconds=time.perf_counter() - started - set_up, set_up=set_up, iterations=model.iterations)
+        return Prediction(path=path, seconds=time.process_time() - started - set_up, set_up=set_up, iterations=model.iterations)
 
     return Predictor(name, "reduced", predict)
 
 
 def follow(scene: Scene, tolerance: float = TOLERANCE) -> tuple[Mesh, Floats, float, float, int]:
     """The solver's path: its mesh, (T, N, 3), seconds of set-up and of stepping, and Newton steps. Raises `LeftOut`."""
-    started = time.perf_counter()
+    started = time.process_time()
     mesh = build_mesh(scene.body)
     way = Path(scene, mesh)
     way.newton.tolerance = tolerance
-    set_up = time.perf_counter() - started
+    set_up = time.process_time() - started
     u, iterations = [way.states[0].u], 0
     for step in range(1, scene.steps.count + 1):
         try:
@@ -135,7 +135,7 @@ def follow(scene: Scene, tolerance: float = TOLERANCE) -> tuple[Mesh, Floats, fl
             raise LeftOut(f"there is no equilibrium at step {step}: {error}") from None
         u.append(state.u)
         iterations += state.iterations
-    return mesh, np.array(u), set_up, time.perf_counter() - started - set_up, iterations
+    return mesh, np.array(u), set_up, time.process_time() - started - set_up, iterations
 
 
 def between(path: Floats, steps: int) -> Floats:

@@ -62,9 +62,9 @@ class Column:
 
 TIME = {
     "ms_per_step": Column(
-        "time", "ms/step", "ms", 1, "wall time on this machine over the number of steps, set-up included"),
+        "time", "ms/step", "ms", 1, "processor time on this machine over the number of steps, set-up included"),
     "ms_per_step_alone": Column("time, set-up excluded", "ms/step", "ms", 1, "the same of the steps alone"),
-    "seconds": Column("time of a trajectory", "s", "s", 1, "wall time of all steps and the set-up"),
+    "seconds": Column("time of a trajectory", "s", "s", 1, "processor time of all steps and the set-up"),
     "set_up_seconds": Column(
         "set-up", "s", "s", 1,
         "what a new scene costs before its first step. Finite elements: mesh, supports, contact surface, storage. Learned "

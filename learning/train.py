@@ -40,7 +40,7 @@ from learning.graph import join
 from learning.m4gn import M4GN
 from learning.rollout import rollout_error
 from learning.seen import seen, write_seen
-from physics.schema import InputError, to_table
+from physics.schema import InputError, read_table, to_table
 from physics.whole import write_whole
 
 REPORT_EVERY = 50  # steps
@@ -191,10 +191,11 @@ def _check_same_run(saved: dict[str, Any], asked: dict[str, Any], out: Path) -> 
     """Raise `InputError` unless data and config are those of the saved run; its end (steps, budget_seconds) may be moved."""
     if saved["fingerprint"] != asked["fingerprint"]:
         raise InputError(f"{out} was trained on other data: it cannot be resumed with these files")
-    keys = (saved["config"].keys() | asked["config"].keys()) - {"steps", "budget_seconds"}
-    changed = sorted(key for key in keys if saved["config"].get(key) != asked["config"].get(key))
+    trained = to_table(read_table(TrainConfig, saved["config"], f"{out}: config"))  # keys of later versions at their defaults
+    keys = (trained.keys() | asked["config"].keys()) - {"steps", "budget_seconds"}
+    changed = sorted(key for key in keys if trained.get(key) != asked["config"].get(key))
     if changed:
-        raise InputError(f"{out} was trained with another {changed[0]} ({saved['config'].get(changed[0])}, "
+        raise InputError(f"{out} was trained with another {changed[0]} ({trained.get(changed[0])}, "
                          f"not {asked['config'].get(changed[0])}): it cannot be resumed")
 
 

@@ -28,7 +28,8 @@ from learning.checkpoint import load_model
 from learning.config import TrainConfig
 from learning.rivals import nothing_moves
 from learning.rollout import predict_step, rollout
-from learning.segments import segment, segment_quality
+from learning.segment_quality import segment_quality
+from learning.segments import segment
 from learning.train import train
 from physics.equilibrium import solve
 from physics.mesh import build_mesh

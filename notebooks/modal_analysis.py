@@ -27,7 +27,8 @@ import meshio
 import numpy as np
 
 from datagen.trajectory import at_rest
-from learning.segments import segment, segment_quality
+from learning.segment_quality import segment_quality
+from learning.segments import segment
 from physics.laplacian import laplacian_modes
 from physics.mesh import build_mesh
 from physics.modes import amplitudes, elastic_modes, euler_bernoulli_hz

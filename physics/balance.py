@@ -52,9 +52,10 @@ class Balance:
                 self.load += self.elasticity.weight(np.array(load.acceleration))
         self.contact: Contact | None = None
         if scene.obstacle is not None:
-            surface = ContactSurface(mesh, scene.obstacle.contact, self.fixed.all(axis=1))
+            rigid = Rigid(scene.obstacle)
+            surface = ContactSurface(mesh, scene.obstacle.contact, self.fixed.all(axis=1), rigid.width)
             stiffness = CONTACT_STIFFNESS * scene.material.young_modulus / self.size
-            self.contact = Contact(surface, Rigid(scene.obstacle), mesh.points, stiffness)
+            self.contact = Contact(surface, rigid, mesh.points, stiffness)
         # eps E h L: strains come from differences of positions that differ by up to the largest extent L.
         self.floor = 1e3 * float(np.finfo(float).eps) * scene.material.young_modulus * self.size * float(np.ptp(mesh.points))
         self._check()

@@ -26,8 +26,12 @@ from numpy.typing import NDArray
 
 from physics.mesh import Mesh
 from physics.obstacle import Rigid
+from physics.schema import InputError
 
 Floats = NDArray[np.float64]
+
+
+FINEST = 8  # parts of an edge
 
 
 class ContactSurface:
@@ -38,9 +42,25 @@ class ContactSurface:
         area: (Q,) [m2] of the rest surface
     """
 
-    def __init__(self, mesh: Mesh, kind: str, held: NDArray[np.bool_]) -> None:
-        """Args: kind "facets" (nine points on a quadrilateral, six on a triangle) or "nodes"; held (N,): not in contact."""
-        rows, columns, values, area = _points(mesh)
+    def __init__(self, mesh: Mesh, kind: str, held: NDArray[np.bool_], width: float = np.inf) -> None:
+        """Args: kind "facets" or "nodes"; held (N,): not in contact; width: smallest of the obstacle [m].
+
+        A quadrilateral has nine points and a triangle six, or, where the longest facet is longer than the obstacle is wide, so many
+        more that two points are nowhere further apart along an edge than half of the width.
+
+        Raises:
+            InputError: the obstacle is so thin that it could pass between the points
+        """
+        longest = max(float(np.linalg.norm(mesh.points[facets] - mesh.points[np.roll(facets, 1, axis=1)], axis=2).max())
+                      for facets in mesh.surface if len(facets))
+        divisions = int(np.ceil(longest / width * (1 - 1e-9))) or 1
+        if kind == "nodes" and divisions > 1:
+            raise InputError(f"obstacle: {width:.3g} m wide, it could pass between nodes {longest:.3g} m apart; give smaller cells, or "
+                             "leave out contact = \"nodes\"")
+        if divisions > FINEST:
+            raise InputError(f"obstacle: {width:.3g} m wide, it is smaller than 1/{FINEST} of a cell's edge of {longest:.3g} m; "
+                             "give smaller cells")
+        rows, columns, values, area = _points(mesh, divisions)
         weights = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(area), len(mesh.points)))
         if kind == "nodes":
             area = weights.T @ area
@@ -55,20 +75,10 @@ class ContactSurface:
         return self.weights @ x
 
 
-def _points(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """Point number, node and weight triplets, and areas, of the points of all facets.
-
-    On quadrilaterals Simpson's rule: corners, middles of edges, centre; on triangles corners (1/12) and middles (1/4). All
-    weights are positive, and a pressure that is linear over a facet gives its exact nodal forces.
-    """
+def _points(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
+    """Point number, node and weight triplets, and areas, of the points of all facets, each facet divided along its edges."""
     rows, columns, values, areas, count = [], [], [], [], 0
-    one = np.array([[1, 0], [0.5, 0.5], [0, 1]])
-    rules = {
-        4: (np.einsum("ia,jb->ijab", one, one).reshape(9, 4)[:, [0, 2, 3, 1]],
-            np.outer([1, 4, 1], [1, 4, 1]).ravel() / 36),
-        3: (np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]]),
-            np.array([1, 1, 1, 3, 3, 3]) / 12),
-    }
+    rules = {4: _on_quadrilateral(divisions), 3: _on_triangle(divisions)}
     for facets in mesh.surface:
         shape, share = rules[facets.shape[1]]
         corner = mesh.points[facets]
@@ -87,15 +97,41 @@ def _points(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, F
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(values), np.concatenate(areas)
 
 
+def _on_quadrilateral(divisions: int) -> tuple[Floats, Floats]:
+    """Shape functions (P, 4) and shares of the area (P,) of Simpson's rule: of each part corners, middles of edges, centre.
+
+    All shares are positive, and a pressure that is linear over a facet gives its exact nodal forces; so on triangles.
+    """
+    along = np.linspace(0, 1, 2 * divisions + 1)
+    one, share = np.stack([1 - along, along], axis=1), np.tile([2.0, 4.0], divisions + 1)[:-1]
+    share[[0, -1]] = 1
+    return (np.einsum("ia,jb->ijab", one, one).reshape(-1, 4)[:, [0, 2, 3, 1]],
+            np.outer(share, share).ravel() / (6 * divisions) ** 2)
+
+
+def _on_triangle(divisions: int) -> tuple[Floats, Floats]:
+    """Shape functions (P, 3) and shares of the area (P,): of each part corners (1/12) and middles of edges (1/4)."""
+    ends = 2 * divisions
+    share = np.zeros((ends + 1, ends + 1))
+    upright = [(2 * i, 2 * j, 1) for i in range(divisions) for j in range(divisions - i)]
+    upside_down = [(2 * i, 2 * j, -1) for i in range(1, divisions) for j in range(1, divisions - i + 1)]
+    for i, j, turn in (*upright, *upside_down):
+        for a, b, part in ((0, 0, 1), (2, 0, 1), (0, 2, 1), (1, 0, 3), (0, 1, 3), (1, 1, 3)):
+            share[i + turn * a, j + turn * b] += part / 12 / divisions**2
+    s, t = np.argwhere(share > 0).T
+    return np.stack([ends - s - t, s, t], axis=1) / ends, share[s, t]
+
+
 def _merged(weights: scipy.sparse.csr_matrix, area: Floats) -> tuple[scipy.sparse.csr_matrix, Floats]:
     """Points that several facets share, made one, with the sum of their areas."""
     weights.eliminate_zeros()
     weights.sort_indices()
-    key = np.zeros((weights.shape[0], 5))
+    key = np.zeros((weights.shape[0], 9))
     key[:, 0] = np.diff(weights.indptr)
     for i in range(4):
         has = key[:, 0] > i
-        key[has, i + 1] = weights.indices[weights.indptr[:-1][has] + i] + 1
+        at = weights.indptr[:-1][has] + i
+        key[has, 2 * i + 1], key[has, 2 * i + 2] = weights.indices[at] + 1, weights.data[at].round(9)
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
     return weights[first], np.bincount(group.ravel(), weights=area).astype(np.float64)
 

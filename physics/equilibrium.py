@@ -162,8 +162,7 @@ class Path:
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""
-        u = extrapolate(self.states[-1 - self.order:], fraction)
-        return np.where(self.balance.fixed, fraction * self.balance.target, u)
+        return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), fraction * self.balance.target)
 
     def _append(self, state: State) -> State:
         """Keep a state, and choose the order of extrapolation that would have foreseen it best."""
@@ -203,11 +202,12 @@ def extrapolate(states: list[State], fraction: float) -> Floats:
     return sum((weight * state.u for weight, state in zip(weights, states, strict=True)), np.zeros_like(states[0].u))
 
 
-def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal: str | FilePath | None = None,
-          method: str | None = None, spread: bool = False) -> Solution:
+def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
+          journal: str | FilePath | None = None, method: str | None = None, spread: bool = False) -> Solution:
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
+        mesh: in place of the one that the scene's body describes
         on_step: called with the number of each step that is reached
         journal: a file that keeps the path as it grows; what it holds of an earlier run of the same scene is gone on from, also
             when that run ended in a failure: then the step that failed is tried again. It is left for the caller to delete.
@@ -223,7 +223,7 @@ def solve(scene: Scene, *, on_step: Callable[[int], None] | None = None, journal
         OSError: the journal cannot be written
     """
     started, spent = time.perf_counter(), 0.0
-    mesh = build_mesh(scene.body)
+    mesh = mesh or build_mesh(scene.body)
     path, frames, failure = _way(scene, mesh, method, spread), [], ""
     kept = None if journal is None else Journal(journal, identity(scene, mesh))
     try:

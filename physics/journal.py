@@ -3,7 +3,8 @@
 A journal is a file that only grows, block after block: length (8 bytes) and CRC-32 (4 bytes) of what follows, then named
 arrays as .npz. The first block says whose path it is; every later one holds the frames since the block before and the
 solver's memory after the last of them, in double precision. A process that is killed leaves at most half a block at the
-end, which is cut off when the file is opened again. While one process has it open no other can.
+end, which is cut off when the file is opened again. What an older block remembers is of no more use: when that has become more
+than the frames and `WASTE` together, the file is written anew without it. While one process has it open no other can.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from physics.schema import InputError, WorkError
 
 EVERY = 1.0  # [s] between two blocks: what a kill may cost
+WASTE = 50_000_000  # bytes
 MAGIC = b"fidelity journal 1\n"
 
 Arrays = dict[str, NDArray[Any]]
@@ -65,26 +67,32 @@ class Journal:
         start = self._file.read(len(MAGIC))
         if not MAGIC.startswith(start):
             raise InputError(f"{self.path}: not an unfinished run; choose another --out, or delete it")
-        whole = len(start)
-        blocks = []
-        if start == MAGIC:
-            while (block := self._next()) is not None:
-                blocks.append(block)
-                whole = self._file.tell()
+        blocks, ends = [], [0]
+        while start == MAGIC and (block := _next(self._file)) is not None:
+            blocks.append(block)
+            ends.append(self._file.tell())
         if blocks and str(blocks[0]["identity"]) != identity:
             raise InputError(f"{self.path}: an unfinished run of another scene; choose another --out, or delete it to start anew")
+        while len(blocks) > 1 and not _memory(blocks[-1]):  # frames that cannot be gone on from
+            blocks.pop()
+        self._file.seek(ends[len(blocks)])
+        self._file.truncate()
         if len(blocks) > 1:
-            self.memory = {name[1:]: array for name, array in blocks[-1].items() if name.startswith("<")}
-            names = [name for name in blocks[-1] if not name.startswith("<")]
-            self.frames = {name: np.concatenate([block[name] for block in blocks[1:]]) for name in names}
-        if blocks:
-            self._file.seek(whole)
-            self._file.truncate()
-        else:
-            self._file.seek(0)
-            self._file.truncate()
-            self._write(MAGIC)
-            self._append({"identity": np.array(identity)})
+            self.memory = _memory(blocks[-1])
+            self.frames = {name: np.concatenate([block[name] for block in blocks[1:]]) for name in _frames(blocks[-1])}
+        elif not blocks:
+            self._begin(identity)
+        self._anew.unlink(missing_ok=True)  # half written when a run was killed
+        self._identity, self._useful = identity, _size(self.frames)
+        self._useless = sum(_size(_memory(block)) for block in blocks[1:])
+
+    @property
+    def _anew(self) -> Path:
+        return self.path.with_name(self.path.name + ".new")
+
+    def _begin(self, identity: str) -> None:
+        self._write(MAGIC)
+        self._append({"identity": np.array(identity)})
 
     def add(self, frame: Arrays, memory: Arrays) -> None:
         """Keep one more frame, and the solver's memory after it; written when `EVERY` seconds have passed since the last time."""
@@ -96,10 +104,37 @@ class Journal:
     def save(self) -> None:
         """Write what has not been written yet."""
         if self._waiting:
+            if self._useless > self._useful + WASTE:
+                self._forget()
             frames = {name: np.stack([np.asarray(waiting[name]) for waiting in self._waiting]) for name in self._waiting[0]}
             self._append(frames | {"<" + name: array for name, array in self.memory.items()})
+            self._useful += _size(frames)
+            self._useless += _size(self.memory)
         self._waiting = []
         self._saved = time.monotonic()
+
+    def _forget(self) -> None:
+        """Write the file anew, all frames and only the last memory, and put it in the place of the old one."""
+        old, path = self._file, self._anew
+        try:
+            self._file = io.FileIO(path, "w+")
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._begin(self._identity)
+            old.seek(len(MAGIC))
+            _next(old)
+            block = _next(old)
+            while block is not None:
+                following = _next(old)
+                self._append(block if following is None else _frames(block))
+                last, block = block, following
+            os.replace(path, self.path)
+        except OSError:
+            path.unlink(missing_ok=True)
+            self._file.close()
+            self._file = old
+            raise
+        old.close()
+        self._useless = _size(_memory(last))
 
     def close(self) -> None:
         """Let others have the file."""
@@ -119,17 +154,30 @@ class Journal:
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self.path)) from None
 
-    def _next(self) -> Arrays | None:
-        """The block that follows; None where no whole one does."""
-        head = self._file.read(12)
-        size = int.from_bytes(head[:8], "little")
-        if len(head) < 12 or size > os.fstat(self._file.fileno()).st_size - self._file.tell():
-            return None
-        data = self._file.read(size)
-        if zlib.crc32(data) != int.from_bytes(head[8:], "little"):
-            return None
-        try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
-        except (ValueError, zipfile.BadZipFile):
-            return None
+
+def _next(file: io.FileIO) -> Arrays | None:
+    """The block that follows; None where no whole one does."""
+    head = file.read(12)
+    size = int.from_bytes(head[:8], "little")
+    if len(head) < 12 or size > os.fstat(file.fileno()).st_size - file.tell():
+        return None
+    data = file.read(size)
+    if zlib.crc32(data) != int.from_bytes(head[8:], "little"):
+        return None
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (ValueError, zipfile.BadZipFile):
+        return None
+
+
+def _memory(block: Arrays) -> Arrays:
+    return {name[1:]: array for name, array in block.items() if name.startswith("<")}
+
+
+def _frames(block: Arrays) -> Arrays:
+    return {name: array for name, array in block.items() if not name.startswith("<")}
+
+
+def _size(arrays: Arrays) -> int:
+    return sum(array.nbytes for array in arrays.values())

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from physics.balance import Balance
 from physics.elasticity import Elasticity
+from physics.factor import NotPositiveDefinite, factor_for
 from physics.mesh import Mesh
 from physics.newton import Newton, NoEquilibrium, State
 from physics.scene import Scene
@@ -63,12 +64,21 @@ class Linear:
         return replace(self.whole, fraction=fraction, u=fraction * self.whole.u, reaction=fraction * self.whole.reaction, iterations=0)
 
     def estimate(self, u: Floats) -> float:
-        """The error e of a linear solution u (N, 3); infinite where finite strain has no such state."""
-        largest = float(np.linalg.norm(u, axis=1).max())
+        """The error e of a linear solution u (N, 3), or that of its reaction; infinite where finite strain has no such state.
+
+        A bar pulled between two faces may have the displacements of the linear one and yet another force: to first order the
+        forces at the supports change by f(u) - K u - K d, d = K^-1 (f(u) - K u) on the free components.
+        """
+        largest, balance = float(np.linalg.norm(u, axis=1).max()), self.newton.balance
         if largest == 0:
             return 0.0
-        missing = self.finite.force(u) - self.newton.balance.elasticity.force(u)
-        error = float(np.linalg.norm(self.newton.factor.solve(missing), axis=1).max()) / largest
+        linear = balance.elasticity.force(u)
+        missing = self.finite.force(u) - linear
+        correction = self.newton.factor.solve(missing)
+        change = (missing - balance.elasticity.force(correction))[balance.bearing].sum(axis=0)
+        reaction = linear[balance.bearing]
+        scale = max(np.linalg.norm(reaction.sum(axis=0)), 1e-3 * np.linalg.norm(reaction, axis=1).sum())
+        error = max(float(np.linalg.norm(correction, axis=1).max()) / largest, float(np.linalg.norm(change) / max(scale, balance.floor)))
         return error if np.isfinite(error) else np.inf
 
     def holds(self, u: Floats) -> bool:
@@ -117,12 +127,17 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, st
     linear = Linear(Newton(Balance(replace(scene, material=replace(scene.material, law="linear")), mesh,
                                    method=finite.method, spread=finite.spread)), finite.elasticity)
     try:
-        error = linear.estimate((linear.whole if finite.contact is None else linear.at(fraction)).u)
+        end = (linear.whole if finite.contact is None else linear.at(fraction)).u
     except NoEquilibrium:
         return None, "finite strain: there is no linear solution"
+    error = linear.estimate(end)
     if error > LINEAR_TOLERANCE:
         return None, (f"finite strain: linear elasticity would be off by {error:.1e} of the largest displacement, "
                       f"{LINEAR_TOLERANCE:g} is allowed")
+    try:
+        factor_for(finite.elasticity).update(end)
+    except NotPositiveDefinite:
+        return None, "finite strain: the linear solution is that of a body that buckles"
     return linear, ""
 
 

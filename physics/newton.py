@@ -23,11 +23,13 @@ from physics.contact import Zone, solve_complementarity
 from physics.factor import Factor, NotPositiveDefinite, SparseFactor, solver_for
 from physics.mixing import Mixing
 from physics.multigrid import Felt, Multigrid, NotSolved
+from physics.touch import Condensed, Touch
 
 Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-6  # residual force over reaction
 NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
+LOSS, SELDOM = 0.3, 0.05  # when the next look at stability comes: loss of the softest mode's stiffness, share of the loading
 REACH = 2.0  # and up to this many cell sizes away they are looked at
 ITERATIONS = 12  # Newton steps before a state is given up
 TURNED = 0.035  # of the body's smallest extent that a node may move before the factor that corrects predictions is made anew
@@ -51,47 +53,6 @@ class State:
     penetration: float = 0.0  # [m]
 
 
-@dataclass
-class Touch:
-    """Contact at displacements u (N, 3): gaps (q,) [m], normals (q, 3) and forces (q,) [N] at the points of a zone."""
-
-    zone: Zone
-    u: Floats
-    centre: Floats  # (3,) of the obstacle
-    gap: Floats
-    normal: Floats
-    pressure: Floats
-
-    def rows(self, points: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Of k points of the zone: n nodes of it behind them, G (k, 3 n) their gaps' gradient, and B (b, 3 n) of `Zone.bend`."""
-        nodes = np.flatnonzero(self.zone.weights[points].any(axis=0))
-        pressed = points[self.pressure[points] > 0]
-        return (nodes, self.zone.gradient(points, nodes, self.normal),
-                self.zone.bend(pressed, nodes, self.pressure[pressed], self.u, self.centre))
-
-
-class _Condensed:
-    """A body of stiffness K' = K - B^T B as k points of contact feel it: B is what a round obstacle takes from it.
-
-    By Woodbury's formula, with the compliance K^-1 of the kept factor, T = 1 - B K^-1 B^T and X = B K^-1 G^T:
-
-    matrix: (k, k) G K'^-1 G^T + diag(c) = G K^-1 G^T + X^T T^-1 X + diag(c)
-    across: (b, k) X
-    negative: eigenvalues of K' below zero: those of K and those of T
-    """
-
-    def __init__(self, matrix: Floats, across: Floats, left: Floats, negative: int) -> None:
-        self.across, self.negative = across, negative
-        if np.trace(left) < len(left) - 1:  # else no eigenvalue of B K^-1 B^T can reach 1
-            self.negative += int((np.linalg.eigvalsh(left) < 0).sum())
-        self._inverse = np.linalg.inv(left) if len(left) else left
-        self.matrix = matrix + across.T @ self._inverse @ across
-
-    def turn(self, rows: Floats) -> Floats:
-        """T^-1 times (b,)."""
-        return self._inverse @ rows
-
-
 class Newton:
     """Equilibria of one scene, each from a start nearby.
 
@@ -111,6 +72,7 @@ class Newton:
         self._fresh, self._excess, self._stale = 2, 0, True  # steps a new factor needed, steps beyond them since, worn out
         self._factored_at = np.empty(0)  # displacements (N, 3) of the kept factor
         self._giving = 0  # negative eigenvalues of K' at the last step
+        self._softest, self._unseen, self._trusted = 0.0, 0.0, 0.0  # of `_watch`
         self._zone: Zone | None = None
         self._mixing = Mixing()
 
@@ -120,8 +82,14 @@ class Newton:
         Raises:
             NoEquilibrium: not even a factor made anew at each step leads to one, or to one that is stable
         """
-        if isinstance(self.factor, Multigrid):  # which takes the stiffness of each iterate
+        if isinstance(self.factor, Multigrid):  # which takes the stiffness of each iterate, and notices when it is not definite
             return self._newton(fraction, start, last, renew=True)
+        state = self._near(fraction, start, last)
+        self._watch(state, fraction - last.fraction)
+        return state
+
+    def _near(self, fraction: float, start: Floats, last: State) -> State:
+        """As `equilibrium`, but an old factor may not show that a state is unstable."""
         if not self._stale:
             try:
                 state = self._newton(fraction, start, last)
@@ -137,6 +105,48 @@ class Newton:
             state = self._newton(fraction, start, last, renew=True)
         self._fresh = state.iterations
         return state
+
+    def _watch(self, state: State, stride: float) -> None:
+        """Factor the stiffness at a state anew, when it is time to, to see whether it is stable. Raises `NoEquilibrium`.
+
+        An old factor leads to unstable states as well. The next look comes before the softest mode, whose stiffness is followed
+        from look to look, would have lost LOSS of it, after at most twice as much of the loading as from the last look to this
+        one, and SELDOM of it at most.
+        """
+        self._unseen += stride
+        if self._unseen < self._trusted or self.balance.scene.material.law == "linear":
+            return
+        if not self._softest:
+            self._refactor(np.zeros_like(state.u))
+            self._softest = self._softest_mode()
+        self._refactor(state.u)
+        self._stale, self._giving = True, 1
+        self._check_stable(self._touch(state.fraction, state.u, state.pressure))
+        self._stale, softest = False, self._softest_mode()
+        loss = max(0.0, self._softest - softest) / softest / self._unseen  # of stiffness, for each part of the loading
+        self._trusted = min(LOSS / max(loss, LOSS), 2 * self._unseen, SELDOM)
+        self._softest, self._unseen = softest, 0.0
+
+    def _softest_mode(self) -> float:
+        """The stiffness of about the softest motion (N, 3) under forces that are its own multiple, by the factor [N/m]."""
+        mode = np.where(self.balance.fixed, 0.0, np.cos(np.arange(self.balance.fixed.size).reshape(-1, 3)))
+        for _ in range(3):  # inverse iteration; other modes are some times stiffer, and need not be gone
+            mode = self.factor.solve(mode / np.linalg.norm(mode))
+        return 1 / float(np.linalg.norm(mode))
+
+    def led(self, u: Floats, target: Floats) -> Floats:
+        """Displacements (N, 3), to first order, when the held components of u (N, 3) are led to their targets (N, 3).
+
+        Moved alone they would turn the cells beside them inside out. Raises `NoEquilibrium` when the stiffness has no factor.
+        """
+        way = np.where(self.balance.fixed, target - u, 0.0)
+        if abs(way).max() <= GAP_TOLERANCE * self.balance.size:
+            return u + way
+        short = 1e-4 * self.balance.size / abs(way).max()  # the force against a way so short is linear in it
+        force = self.balance.elasticity.force
+        if self._stale:
+            self._refactor(u)
+        return u + way + self.factor.solve((force(u) - force(u + short * way)) / short)
 
     def polished(self, fraction: float, state: State) -> State:
         """The stable equilibrium beside a state, with a new factor at each step. Raises `NoEquilibrium`."""
@@ -195,7 +205,8 @@ class Newton:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """All that the next equilibrium depends on besides its start: what `recall` takes."""
-        kept = {"counts": np.array([self.factorisations, self._fresh, self._excess])}
+        kept = {"counts": np.array([self.factorisations, self._fresh, self._excess]),
+                "watch": np.array([self._softest, self._unseen, self._trusted])}
         if self._zone is not None:
             kept |= {"zone": self._zone.made_at, "zone_centre": self._zone.made_with}
         if not self._stale:
@@ -220,6 +231,7 @@ class Newton:
             if "mixing_u" in memory:
                 self._mixing.differences = list(zip(*(memory[f"mixing_{name}"] for name in "usp"), strict=True))
         self.factorisations, self._fresh, self._excess = (int(count) for count in memory["counts"])
+        self._softest, self._unseen, self._trusted = (float(value) for value in memory["watch"])
 
     def _refactor(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3); where it is not positive definite, by the method that bears it."""
@@ -329,13 +341,13 @@ class Newton:
         self.factorisations = solver.set_ups
         return step
 
-    def _condense(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats, bend: Floats) -> _Condensed:
+    def _condense(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats, bend: Floats) -> Condensed:
         """The body with its obstacle's roundness, as k points of a zone feel it; gradient and bend are those of `Touch.rows`."""
         assert not isinstance(self.factor, Multigrid)
         compliance, k = self.factor.compliance(touch.zone.nodes[nodes]), len(points)
         rows = np.concatenate([gradient, bend])
         felt = rows @ compliance @ rows.T
-        found = _Condensed(felt[:k, :k] + np.diag(touch.zone.softness[points]), felt[k:, :k], np.eye(len(bend)) - felt[k:, k:],
+        found = Condensed(felt[:k, :k] + np.diag(touch.zone.softness[points]), felt[k:, :k], np.eye(len(bend)) - felt[k:, k:],
                            self.factor.negative)
         self._giving = found.negative
         return found

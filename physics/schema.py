@@ -49,8 +49,10 @@ class Bound:
             if isinstance(entry, tuple):
                 self.check(entry, where)
                 continue
-            if self.choice and entry not in self.choice:
-                raise InputError(f"{where} = {entry!r}: must be one of {', '.join(self.choice)}{nearest(str(entry), self.choice)}")
+            if isinstance(entry, str):
+                if self.choice and entry not in self.choice:
+                    raise InputError(f"{where} = {entry!r}: must be one of {', '.join(self.choice)}{nearest(entry, self.choice)}")
+                continue
             for ok, limit, words in (
                 (self.above is None or entry > self.above, self.above, "above"),
                 (self.below is None or entry < self.below, self.below, "below"),
@@ -83,7 +85,8 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
     """A frozen dataclass from a table of plain values.
 
     Args:
-        kind: a dataclass whose fields are str, bool, int, float, tuples of them, dataclasses, or one of these | None
+        kind: a dataclass whose fields are str, bool, int, float, tuples of them, dataclasses, or one of these | None, or of
+            several of these
         table: what `tomllib` returned
         where: the place in the file, as it stands in the messages
 
@@ -136,7 +139,7 @@ def _value(hint: Any, value: Any, where: str) -> Any:
     """One value converted to an annotated type, or `InputError`."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (types.UnionType, typing.Union):
-        return _value(next(a for a in arguments if a is not type(None)), value, where)
+        return _value(next((a for a in arguments if a is type(value)), arguments[0]), value, where)
     if dataclasses.is_dataclass(hint):
         return read_table(hint, value, where)  # type: ignore[arg-type]
     if origin is tuple:

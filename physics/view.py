@@ -23,7 +23,7 @@ import pyvista as pv
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, hsv_to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -118,6 +118,18 @@ def _write_film(path: str | Path, pictures: list[Image.Image], durations: list[i
     palette = Image.fromarray(np.concatenate(few)).quantize(256, method=Image.Quantize.MEDIANCUT)
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=durations, loop=0)
+
+
+def segment_picture(path: str | Path, mesh: Mesh, segment: Integers, *, obstacle: Obstacle | None = None) -> None:
+    """Write the body at rest as PNG, with each facet in the colour of the segment (N,) that most of its nodes belong to."""
+    hues = 0.61803398875 * np.arange(segment.max() + 1) % 1  # golden section: numbers that follow each other differ most
+    colours = hsv_to_rgb(np.stack([hues, 0.45 + 0.3 * (np.arange(len(hues)) % 2), np.full(len(hues), 0.92)], axis=1))
+    facets = [np.take_along_axis(own, (own[:, :, None] == own[:, None]).sum(axis=2).argmax(axis=1)[:, None], axis=1)[:, 0]
+              for own in (segment[part] for part in mesh.surface)]
+    still, eye = np.zeros_like(mesh.points), _eye(mesh)
+    camera = _fit([mesh.points], obstacle, eye)
+    panel = _draw(mesh, still, colours[np.concatenate(facets)], (0, 1), SIZE_COLOURS, camera, _panel_size(camera, 1), obstacle=obstacle)
+    Image.fromarray(panel).save(path)
 
 
 def mode_picture(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "") -> None:
@@ -249,15 +261,17 @@ def _panel_size(camera: _Camera, panels: int) -> tuple[int, int]:
 
 def _draw(mesh: Mesh, displacement: Floats, colour: Floats, limits: tuple[float, float], cmap: str, camera: _Camera,
           size: tuple[int, int], *, obstacle: Obstacle | None = None, outline: Floats | None = None) -> Pixels:
-    """(height, width, 3) picture of a body, coloured by a value at each node."""
+    """(height, width, 3) picture of a body, coloured by a value at each node (N,) or by red, green and blue on each facet (F, 3)."""
     _find_screen()
     plotter: Any = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
     plotter.add_light(pv.Light(light_type="headlight", intensity=0.8))
     plotter.add_light(pv.Light(position=(0, 0, 1), focal_point=(0, 0, 0), light_type="scene light", intensity=0.7))
     plotter.set_background("white")
     body = _surface(mesh, mesh.points + displacement)
-    body["colour"] = np.asarray(colour, np.float64)
-    plotter.add_mesh(body, scalars="colour", cmap=colormaps[cmap], clim=limits, show_scalar_bar=False, show_edges=True,
+    flat = colour.ndim == 2
+    (body.cell_data if flat else body.point_data)["colour"] = np.asarray(colour, np.float64)
+    scale: dict[str, Any] = {"rgb": True} if flat else {"cmap": colormaps[cmap], "clim": limits}
+    plotter.add_mesh(body, scalars="colour", **scale, show_scalar_bar=False, show_edges=True,
                      edge_color="#555555", line_width=0.6, ambient=0.55, diffuse=0.5, specular=0.0)
     if outline is not None:
         lines = _surface(mesh, mesh.points).extract_feature_edges(40, manifold_edges=False)

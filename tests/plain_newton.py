@@ -14,14 +14,15 @@ from physics.balance import Balance
 from physics.mesh import build_mesh
 
 
-def solve(scene, *, tolerance=1e-9, elasticity=None, steps=None, soften=1.0, halve=True):
+def solve(scene, *, tolerance=1e-9, elasticity=None, steps=None, soften=1.0, halve=True, mesh=None):
     """(T, N, 3) displacements of all steps, or the first ones; the residual is below `tolerance` of the reaction at each.
 
     elasticity: makes another assembly of the same body from the solver's own
     soften: makes contact softer by this factor, which Newton's method likes and the penetration does not
+    mesh: in place of the scene's own
     halve: False takes every step whole, which soft contact allows
     """
-    mesh = build_mesh(scene.body)
+    mesh = mesh or build_mesh(scene.body)
     balance = Balance(scene, mesh)
     if elasticity is not None:
         balance.elasticity = elasticity(balance.elasticity)

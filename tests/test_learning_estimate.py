@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from learning.elastic import Elastic
-from learning.estimate import Estimator, estimate
+from learning.estimate import estimate
+from learning.quasistatic import Estimator
 from learning.reduced import Reduced, derivatives
 from physics.elasticity import Elasticity
 from physics.mesh import build_mesh

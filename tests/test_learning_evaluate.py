@@ -133,7 +133,8 @@ def test_the_picture_is_against_finer_cells_only_where_all_have_that_error():
     rows = made_up()
     assert measure_of(rows) == "rmse_all"
     rows = [replace(row, scores=row.scores | {"rmse_refined": 1e-4}) for row in rows]
-    assert measure_of(rows) == "rmse_refined"
+    assert measure_of(rows) == "rmse_all"  # a mean over some trajectories only
+    assert measure_of([replace(row, each=tuple(each | {"rmse_refined": 1e-4} for each in row.each)) for row in rows]) == "rmse_refined"
 
 
 def test_the_report_holds_every_figure_and_opens_offline(tmp_path):
@@ -227,6 +228,13 @@ def test_compare_runs_every_rival_on_one_scene(tmp_path):
     assert all(0 < row["ms_per_step_alone"] <= row["ms_per_step"] for row in rows.values())
     assert "No learned simulator" in result["summary"] and (tmp_path / "report" / "report.html").exists()
     assert not list((tmp_path / "report").glob("frame_*"))
+
+
+def test_a_scene_with_inertia_is_refused(tmp_path):
+    scene = pressed(steps={"count": 4, "duration": 0.1, "dynamic": True})
+    (tmp_path / "fast.toml").write_text(scene.to_toml())
+    with pytest.raises(InputError, match="quasi-static"):
+        compare(tmp_path / "fast.toml", [], tmp_path / "report")
 
 
 def test_two_runs_of_one_name_are_refused(tmp_path):

@@ -18,16 +18,23 @@ SMALL = M4GNConfig(hidden=16, message_steps=3, transformer_layers=2, heads=4)
 TOLERANCE: dict[str, Any] = dict(rtol=0, atol=2e-5)
 
 
+VARIANTS = {"plain": {}, "overlap": dict(overlap=1), "encodings": dict(walk=5), "both": dict(overlap=1, walk=5)}
+
+
 @pytest.fixture(scope="module")
 def network():
+    return made({})
+
+
+def made(variant):
     torch.manual_seed(1)
-    return M4GN(SMALL).eval()
+    return M4GN(replace(SMALL, walk=variant.get("walk", 0))).eval()
 
 
-def graph(count=7, step=3, *, shift=(0.0, 0.0, 0.0), **scene):
+def graph(count=7, step=3, *, shift=(0.0, 0.0, 0.0), variant=None, **scene):
     trajectory = bending(**scene)
     u = trajectory.displacement.astype(np.float64)
-    skeleton = build_skeleton(trajectory, segment(trajectory, count=count))
+    skeleton = build_skeleton(trajectory, segment(trajectory, count=count), **variant or {})
     skeleton = replace(skeleton, rest=skeleton.rest + shift)
     plain = build_graph(skeleton, skeleton.rest + u[step], u[step + 1] - u[step], 0.006)
     return replace(plain, mesh_edge=100 * plain.mesh_edge, contact_edge=100 * plain.contact_edge)  # lengths near 1
@@ -36,26 +43,37 @@ def graph(count=7, step=3, *, shift=(0.0, 0.0, 0.0), **scene):
 @torch.no_grad()
 def naive(network: Any, graph: Graph):
     """The module's equations written down literally, for a single graph."""
-    h, e = network.encode_node(graph.node), network.encode_mesh(graph.mesh_edge)
+    coded = graph.node_code is not None
+    h, e = network.encode_node(graph.node + (network.place_node(graph.node_code) if coded else 0)), network.encode_mesh(graph.mesh_edge)
     w = network.encode_contact(graph.contact_edge)
     for step in network.process:
         (s, r), (a, b) = graph.mesh_pair, graph.contact_pair
         e, w = e + step.mesh(torch.cat([e, h[s], h[r]], 1)), w + step.contact(torch.cat([w, h[a], h[b]], 1))
         sums = [torch.stack([latent[to == i].sum(0) for i in range(len(h))]) for latent, to in ((e, r), (w, b))]
         h = h + step.node(torch.cat([h, *sums], 1))
-    s = network.encode_segment(torch.stack([h[graph.segment == k].mean(0) for k in range(len(graph.graph_of_segment))]))
+    member = torch.stack([graph.segment == k for k in range(len(graph.graph_of_segment))])  # (K, N)
+    if graph.shared is not None:
+        (sender, receiver), ring = graph.mesh_pair, member.clone()
+        for a, b in zip(sender.tolist(), receiver.tolist(), strict=True):
+            ring[:, b] |= member[:, a]
+        member = ring
+    s = network.encode_segment(torch.stack([h[inside].mean(0) for inside in member]))
+    if coded:
+        s = s + network.place_segment(graph.segment_code)
     for block in network.transform:
         parts = block.query_key_value(block.norm_attention(s)).chunk(3, dim=1)
         q, k, v = (part.view(len(s), block.heads, -1).transpose(0, 1) for part in parts)
         weight = torch.softmax(q @ k.transpose(1, 2) / q.shape[-1] ** 0.5, dim=-1)
         s = s + block.out((weight @ v).transpose(0, 1).reshape(s.shape))
         s = s + block.feed(block.norm_feed(s))
-    return network.decode(torch.cat([h, s[graph.segment]], 1))
+    return network.decode(torch.cat([h, torch.stack([s[inside].mean(0) for inside in member.T])], 1))
 
 
 @torch.no_grad()
-def test_the_fast_network_is_the_plain_one(network):
-    for case in (graph(), graph(gap=0.05, travel=0.001)):
+@pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS)
+def test_the_fast_network_is_the_plain_one(variant):
+    network = made(variant)
+    for case in (graph(variant=variant), graph(gap=0.05, travel=0.001, variant=variant)):
         assert torch.allclose(network(case), naive(network, case), **TOLERANCE)
 
 
@@ -72,9 +90,15 @@ def test_the_numbering_of_nodes_and_edges_makes_no_difference(network):
 
 
 @torch.no_grad()
-def test_the_numbering_of_segments_makes_no_difference(network):
-    case = graph()
-    relabelled = replace(case, segment=torch.randperm(len(case.graph_of_segment))[case.segment])
+@pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS)
+def test_the_numbering_of_segments_makes_no_difference(variant):
+    network, case = made(variant), graph(variant=variant)
+    order = torch.randperm(len(case.graph_of_segment))
+    relabelled = replace(case, segment=order[case.segment])
+    if case.shared is not None:
+        relabelled = replace(relabelled, shared=torch.stack([case.shared[0], order[case.shared[1]]]))
+    if case.segment_code is not None:
+        relabelled = replace(relabelled, segment_code=case.segment_code[order.argsort()])
     assert torch.allclose(network(relabelled), network(case), **TOLERANCE)
 
 
@@ -84,8 +108,11 @@ def test_a_translation_makes_no_difference(network):
 
 
 @torch.no_grad()
-def test_a_batch_gives_what_its_graphs_give_alone(network):
-    cases = [graph(7), graph(19, step=5), graph(3, gap=0.05, travel=0.001), graph(2, cells=(6, 2, 2))]
+@pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS)
+def test_a_batch_gives_what_its_graphs_give_alone(variant):
+    network = made(variant)
+    cases = [graph(7, variant=variant), graph(19, step=5, variant=variant), graph(3, gap=0.05, travel=0.001, variant=variant),
+             graph(2, cells=(6, 2, 2), variant=variant)]
     alone = torch.cat([network(case) for case in cases])
     assert torch.allclose(network(join(cases)), alone, **TOLERANCE)
 
@@ -101,8 +128,9 @@ def test_only_segments_carry_information_across_the_body(network):
     assert torch.equal(deaf(changed)[far], deaf(case)[far])
 
 
-def test_every_weight_learns(network):
-    case = graph()
+@pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS)
+def test_every_weight_learns(variant):
+    network, case = made(variant), graph(variant=variant)
     network(case).square().sum().backward()
     assert all(weight.grad is not None and weight.grad.abs().sum() > 0 for weight in network.parameters())
     network.zero_grad()

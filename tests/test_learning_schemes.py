@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from learning.checkpoint import Model
+from datagen.trajectory import write_trajectory
+from learning.checkpoint import Model, load_model, read_state, write_state
 from learning.config import TrainConfig
 from learning.data import build_case, describe, fit_normaliser, sample
 from learning.m4gn import M4GN, M4GNConfig
 from learning.rollout import predict_step, rollout, walk
 from learning.train import train
-from physics.schema import InputError, read_table, to_table
+from physics.schema import InputError, read_table
 from tests.pressed import pressed
 
 BASE = TrainConfig(segments=5, network=M4GNConfig(hidden=16, message_steps=2, transformer_layers=1, heads=4), contact_radius=0.006,
@@ -91,16 +92,20 @@ def test_a_pose_has_no_history():
             read_table(TrainConfig, {"history": 1, **config})
 
 
-def test_a_config_of_before_is_still_one():
-    table = to_table(TrainConfig())
-    old = {key: value for key, value in table.items() if key not in ("scheme", "history", "estimate", "frames")}
-    assert read_table(TrainConfig, old) == TrainConfig()
+def test_a_run_of_before_can_be_resumed(trajectory, tmp_path):
+    write_trajectory(tmp_path / "a.vtkhdf", trajectory)
+    config, run = replace(BASE, frames=None), tmp_path / "run"
+    train(config, [tmp_path / "a.vtkhdf"], [], run, steps=2)
+    state = read_state(run / "last.safetensors")
+    for key in ("scheme", "history", "estimate"):
+        del state.about["config"][key]
+    write_state(run / "last.safetensors", state)
+    assert train(config, [tmp_path / "a.vtkhdf"], [], run, resume=True)["steps"] == 4
+    with pytest.raises(InputError, match="another scheme"):
+        train(replace(config, scheme="pose"), [tmp_path / "a.vtkhdf"], [], run, resume=True)
 
 
 def test_training_begins_with_the_estimate(trajectory, tmp_path):
-    from datagen.trajectory import write_trajectory
-    from learning.checkpoint import load_model
-
     config = replace(CONFIGS["pose+estimate"], learning_rate=1e-30, final_learning_rate=1e-30)
     write_trajectory(tmp_path / "a.vtkhdf", trajectory)
     train(config, [tmp_path / "a.vtkhdf"], [], tmp_path / "run")

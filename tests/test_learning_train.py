@@ -190,6 +190,17 @@ def test_a_spent_budget_still_leaves_a_model(files, tmp_path):
     assert summary["steps"] == 1 and load_model(tmp_path)
 
 
+def test_a_run_with_overlap_encodings_and_its_own_number_of_segments_comes_back(files, tmp_path):
+    config = replace(CONFIG, segments="auto", method="slic-mdod-l", modes="laplacian", mode_count=2, overlap=1,
+                     network=replace(CONFIG.network, walk=5))
+    train(config, files["train"], files["valid"], tmp_path)
+    model = load_model(tmp_path)
+    assert model.config == config
+    case = build_case(read_trajectory(files["valid"][0]), config)
+    assert case.skeleton.shared is not None and case.skeleton.node_code is not None
+    assert np.isfinite(rollout(model, case.trajectory).displacement).all()
+
+
 def test_a_run_tells_what_it_was_trained_with(run):
     about = read_state(run / "model.safetensors").about
     assert about["config"]["segments"] == 7 and about["versions"]["torch"] == torch.__version__
@@ -229,5 +240,5 @@ def test_damaged_trajectories_are_refused(tmp_path):
 @pytest.mark.parametrize("name", ["m4gn-small", "m4gn-beam"])
 def test_the_configs_in_the_package_are_valid(name):
     config = load_config(Path(learning.__file__).parent / "configs" / f"{name}.toml")
-    if name == "m4gn-beam":  # the paper's values are the defaults
-        assert config == TrainConfig()
+    if name == "m4gn-beam":  # the paper's values are the defaults, but for the overlap
+        assert config == TrainConfig(overlap=1)

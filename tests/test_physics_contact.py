@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 import scipy.optimize
+from scipy.spatial import cKDTree
 
 from physics.contact import ContactSurface, solve_complementarity
 from physics.mesh import build_mesh
 from physics.obstacle import Rigid
 from physics.scene import Body, Obstacle
+from physics.schema import InputError
 from physics.supports import nodal_areas
 
 ROOT = (0.1, 0.2, 0.3)
@@ -93,6 +95,30 @@ def test_points_carry_the_whole_surface(cell, kind):
     if kind == "facets":
         assert (surface.weights.T @ (surface.area * top))[inner] == pytest.approx(nodal_areas(mesh, "z-max")[inner])
     assert len(np.unique(surface.positions(mesh.points).round(9), axis=0)) == len(surface.area)  # no point twice
+
+
+@pytest.mark.parametrize("width, divisions", [(0.1, 1), (0.06, 2), (0.03, 4)])
+def test_a_thin_obstacle_gets_more_points(width, divisions):
+    """Cells of 0.1 m: no further apart than half of the obstacle's width; linear pressure still gives its exact nodal forces."""
+    mesh = build_mesh(Body(length=0.3, width=0.2, height=0.1, cells=(3, 2, 1), cell="prism"))
+    none = np.zeros(len(mesh.points), bool)
+    few, many = ContactSurface(mesh, "facets", none), ContactSurface(mesh, "facets", none, width)
+    x = many.positions(mesh.points)
+    assert cKDTree(x).query(x, 2)[0][:, 1].max() <= 0.1 / (2 * divisions) * (1 + 1e-9) and 0.1 / (2 * divisions) <= width / 2
+    assert many.area.sum() == pytest.approx(few.area.sum()) and many.area.min() > 0
+    assert many.weights.T @ many.area == pytest.approx(few.weights.T @ few.area)
+    for surface in (few, many):
+        moment = surface.weights.T @ (surface.area * surface.positions(mesh.points)[:, 0])
+        assert moment == pytest.approx(few.weights.T @ (few.area * few.positions(mesh.points)[:, 0]))
+
+
+def test_an_obstacle_that_could_pass_between_the_points_is_refused():
+    mesh = build_mesh(Body(length=0.3, width=0.2, height=0.1, cells=(3, 2, 1)))
+    none = np.zeros(len(mesh.points), bool)
+    with pytest.raises(InputError, match="pass between nodes"):
+        ContactSurface(mesh, "nodes", none, 0.09)
+    with pytest.raises(InputError, match="smaller cells"):
+        ContactSurface(mesh, "facets", none, 0.01)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -76,21 +76,24 @@ def test_frequency_of_free_vibration(cells, near):
     assert found / shorter == pytest.approx(expected, rel=near)
 
 
-@pytest.mark.parametrize("law", ["neo-hookean", "saint-venant-kirchhoff"])
-def test_energy_is_kept_over_a_hundred_periods(law):
-    """Released under its weight and sinking by a quarter of its length, 30 steps a period, prisms, 3000 steps."""
+def energy_lost(law):
+    """A beam released under its weight, 30 steps a period for 100 periods: its motion, and its energy (T,) [J], zero at the start."""
     scene = moving(1.0, 1, material={"law": law, "young_modulus": 2e5, "poisson_ratio": 0.4},
                    load=[{"acceleration": [0.0, 0.0, -9.81], "sudden": True}])
     period = 1 / float(elastic_modes(scene, count=1).frequencies_hz[0])
     scene = replace(scene, steps=replace(scene.steps, duration=100 * period, count=3000))
     solution = solve(scene)
-    assert not solution.failure and abs(solution.displacement).max() > 0.025
     fallen = (solution.displacement * Motion(scene, solution.mesh).sudden).sum(axis=(1, 2))
-    lost = total_energy(solution) - fallen  # of nothing at the start
+    return solution, total_energy(solution) - fallen
+
+
+@pytest.mark.parametrize("law", ["neo-hookean", "saint-venant-kirchhoff"])
+def test_energy_is_kept_over_a_hundred_periods(law):
+    solution, lost = energy_lost(law)
+    assert not solution.failure and abs(solution.displacement).max() > 0.025  # a quarter of its length
     # 1 % is what is asked for. The tolerance of each step, 1e-6 of the largest force, adds up to less than a hundredth of that.
     assert abs(lost).max() < 1e-4 * solution.energy.max()
-    late = solution.kinetic_energy[-300:].max()
-    assert late > 0.5 * solution.kinetic_energy.max()  # it still swings
+    assert solution.kinetic_energy[-300:].max() > 0.5 * solution.kinetic_energy.max()  # it still swings
 
 
 def test_second_order_in_the_step():
@@ -213,12 +216,11 @@ def test_what_does_not_go_together_is_refused(steps, load, words):
         beam(steps=steps, load=load)
 
 
-@pytest.mark.slow
-def test_turek_and_hron_csm3():
-    """The bar of their fluid-structure benchmark, released under gravity: tip at -63.607 +- 65.160 mm, 1.0995 Hz."""
+def csm3(element="standard"):
+    """The bar of Turek and Hron's fluid-structure benchmark, released under gravity: lowest u_x and u_y of its tip [m], frequency [Hz]."""
     young = 2 * 0.5e6 * 1.4
     scene = beam(
-        body={"length": 0.35, "width": 0.02, "height": 0.02 / 8, "cells": [280, 8, 1], "cell": "hexahedron"},
+        body={"length": 0.35, "width": 0.02, "height": 0.02 / 8, "cells": [280, 8, 1], "cell": "hexahedron", "element": element},
         material={"law": "saint-venant-kirchhoff", "young_modulus": young, "poisson_ratio": 0.4},
         support=[{"where": "x-min"}, {"where": "z-min", "fixed": "z"}, {"where": "z-max", "fixed": "z"}],
         load=[{"acceleration": [0.0, -2.0, 0.0], "sudden": True}], steps={"dynamic": True, "duration": 2.0, "count": 400})
@@ -229,10 +231,15 @@ def test_turek_and_hron_csm3():
     motion = Motion(scene, mesh)
     tip = int(np.linalg.norm(mesh.points - [0.35, 0.01, 0.0], axis=1).argmin())
     way = np.array([motion.advance(step / 400).u[tip] for step in range(1, 401)])
-    # First-order cells: with the same mesh the static deflection, CSM1, is 1.4 % short of the published one.
-    assert way[:, 1].min() == pytest.approx(-63.607e-3 - 65.160e-3, rel=1.5e-2)
-    assert way[:, 0].min() == pytest.approx(-2 * 14.305e-3, rel=1.5e-2)
     low = np.array([k for k in range(1, 399) if way[k, 1] < min(-0.1, way[k - 1, 1]) and way[k, 1] <= way[k + 1, 1]])
     before, at, after = way[low - 1, 1], way[low, 1], way[low + 1, 1]
     time = (low + 1 + (before - after) / 2 / (before - 2 * at + after)) * 0.005
-    assert len(low) == 2 and 1 / np.diff(time)[0] == pytest.approx(1.0995, rel=1.5e-2)
+    assert len(low) == 2
+    return way[:, 0].min(), way[:, 1].min(), float(1 / np.diff(time)[0])
+
+
+@pytest.mark.slow
+def test_turek_and_hron_csm3():
+    """Published: u_x = -14.305 +- 14.305 mm, u_y = -63.607 +- 65.160 mm, 1.0995 Hz."""
+    # First-order cells: with the same mesh the static deflection, CSM1, is 1.4 % short of the published one.
+    assert csm3() == pytest.approx((-2 * 14.305e-3, -63.607e-3 - 65.160e-3, 1.0995), rel=1.5e-2)

@@ -192,6 +192,17 @@ def test_a_pressed_beam_needs_no_fine_cells_and_is_verified():
     assert residual["coarse"] < 1e-5 * reaction["coarse"] < 1e-2 * reaction["coarse"] < residual["standard"]
 
 
+@pytest.mark.slow
+def test_squeezed_across_its_prisms_it_gives_way_earlier_and_says_so():
+    """Standard prisms bear half the height; alternating strain of the section, which is soft here, buckles before."""
+    scene = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [5, 5, 5], "element": "reduced"},
+                 support=[{"where": "z-min", "fixed": "xyz"}], steps={"count": 20},
+                 obstacle={"shape": "half-space", "normal": [0.0, 0.0, -1.0], "path": [[0.0, 0.0, 0.02], [0.0, 0.0, 0.01]]})
+    solution = solve(scene)
+    assert "unstable" in solution.failure
+    assert 0.4 < (len(solution.displacement) - 1) / 40 < 0.5  # what it was squeezed by when it gave way
+
+
 def test_traction_across_prisms_pulls_with_its_force_and_moment():
     """On the rectangles of prisms too: its resultant is traction times area, at the middle of the face."""
     scene = beam(load=[{"where": "z-max", "traction": [10.0, 20.0, 30.0]}])

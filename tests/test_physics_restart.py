@@ -24,6 +24,8 @@ ROOT = Path(__file__).parent.parent
 SCENES = {
     "pressed": lambda: pressed(),
     "halved": lambda: beam(load=[{"where": "x-max", "traction": [0.0, 0.0, -3e4]}], steps={"count": 3}),
+    "small strain": lambda: beam(load=[{"where": "x-max", "traction": [0.0, 0.0, -1.0]}], steps={"count": 6}),
+    "linear law": lambda: pressed(material={"law": "linear", "young_modulus": 1e6, "poisson_ratio": 0.4}, steps={"count": 12}),
     "indefinite": lambda: beam(  # the stiffness of the block alone is indefinite in the end
         body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [3, 3, 3]}, support=[{"where": "z-min", "fixed": "xyz"}],
         obstacle={"shape": "half-space", "normal": [0.0, 0.0, -1.0], "path": [[0.0, 0.0, 0.0201], [0.0, 0.0, 0.01]]},
@@ -81,6 +83,22 @@ def test_half_a_block_at_the_end_is_dropped(tmp_path, save_always):
     again = solve(scene, journal=part)
     assert 0 < again.resumed < 7
     assert_same(again, whole)
+
+
+def test_the_journal_does_not_grow_by_what_it_no_longer_needs(tmp_path, save_always, monkeypatch):
+    scene, part = pressed(steps={"count": 40}), tmp_path / "part"
+    broken_off(scene, part, 39)
+    long = part.stat().st_size
+    part.unlink()
+    monkeypatch.setattr(journal, "WASTE", 0)
+    broken_off(scene, part, 39)
+    frame = solve(scene).displacement[0].nbytes
+    # At most as much again as the frames, the memory of two blocks of some ten frames each, and the heads of arrays.
+    assert part.stat().st_size < 2 * 40 * frame + 2 * 20 * frame + 400_000 < long
+    assert [path.name for path in tmp_path.iterdir()] == ["part"]
+    again = solve(scene, journal=part)
+    assert again.resumed == 39
+    assert_same(again, solve(scene))
 
 
 def test_another_scene_is_refused_and_nothing_is_touched(tmp_path, save_always, capsys):

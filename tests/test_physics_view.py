@@ -51,6 +51,15 @@ def test_an_obstacle_is_grey_and_a_far_one_does_not_shrink_the_body(tmp_path):
     assert grey[80:].sum() > 2000
 
 
+def test_each_segment_has_one_colour_and_the_larger_one_more_of_the_picture(tmp_path):
+    view.segment_picture(tmp_path / "s.png", MESH, (MESH.points[:, 0] > 0.075).astype(np.int64))
+    pixels = np.asarray(Image.open(tmp_path / "s.png").convert("HSV")).astype(int).reshape(-1, 3)
+    hue = pixels[pixels[:, 1] > 60, 0]  # the white around and the dark edges have none
+    first, second = (np.abs(hue - 255 * place) <= 4 for place in (0.0, 0.618))  # hues survive light and shadow
+    assert (first | second).mean() > 0.95
+    assert 2.4 < first.sum() / second.sum() < 4.4  # 7.5 of 10 layers belong to one, its facets at the cut to either; the end shows
+
+
 @pytest.mark.parametrize("beside", [False, True])
 def test_a_film_has_its_pictures_and_time(tmp_path, beside):
     count = view.film(tmp_path / "film.gif", MESH, bent(), truth=1.1 * bent() if beside else None, frames=4, seconds=0.4)

@@ -1,0 +1,56 @@
+"""The curve of a training: error in validation against seconds and samples, beside the estimate that the network corrects.
+
+    .venv/bin/python benchmarks/curve.py RUN --data DIR --out curve.png
+"""
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from datagen.dataset import files
+from learning.checkpoint import load_model
+from learning.data import load_cases
+from physics.quality import rmse
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("run")
+    parser.add_argument("--data", required=True)
+    parser.add_argument("--out", required=True)
+    options = parser.parse_args()
+    config = load_model(options.run).config
+    lines = [json.loads(line) for line in Path(options.run, "curve.jsonl").read_text().splitlines()]
+    errors = [(line["seconds"], line["step"] * config.batch_size, line["error"]) for line in lines if line.get("error") is not None]
+    seconds, samples, error = np.array(errors).T
+    level = None
+    if config.estimate:
+        cases = load_cases(files(options.data, "valid"), config, walk=True)
+        level = np.mean([rmse(case.estimate.displacement, case.trajectory.displacement[case.targets], case.trajectory.free)
+                         for case in cases])
+    figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
+    axes.plot(seconds, 1e6 * error, "o-", color="C0", label="network")
+    if level is not None:
+        axes.axhline(1e6 * level, color="C1", linestyle="--", label="estimate alone")
+    axes.set(xlabel="training [s], one core", ylabel="RMSE of all steps, validation [µm]", ylim=(0, None))
+    axes.legend(frameon=False)
+    per_second = samples[-1] / seconds[-1]
+    above = axes.secondary_xaxis("top", functions=(lambda s: s * per_second / 1e3, lambda n: n / per_second * 1e3))
+    above.set_xlabel("samples [thousands]")
+    figure.savefig(options.out, dpi=150)
+    print(json.dumps({"seconds": float(seconds[-1]), "samples": int(samples[-1]), "best_m": float(error.min()), "estimate_alone_m": level}))
+
+
+if __name__ == "__main__":
+    main()
