@@ -22,9 +22,10 @@ from datagen.verbs import VERBS, add_data_verbs
 from physics.schema import InputError, WorkError
 
 Options = argparse.Namespace
-# Under mpirun of Open MPI or MPICH; only the first process speaks.
-RANK = int(os.environ.get("OMPI_COMM_WORLD_RANK") or os.environ.get("PMI_RANK") or 0)
-PROCESSES = int(os.environ.get("OMPI_COMM_WORLD_SIZE") or os.environ.get("PMI_SIZE") or 1)
+# Under mpirun of Open MPI or MPICH, or under torchrun, which only train knows; only the first process speaks.
+TOGETHER = "WORLD_SIZE" in os.environ
+RANK = int(os.environ.get("OMPI_COMM_WORLD_RANK") or os.environ.get("PMI_RANK") or os.environ.get("RANK") or 0)
+PROCESSES = int(os.environ.get("OMPI_COMM_WORLD_SIZE") or os.environ.get("PMI_SIZE") or os.environ.get("WORLD_SIZE") or 1)
 
 
 def modes(options: Options) -> dict[str, Any]:
@@ -265,8 +266,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; the exit status."""
     options = _parser().parse_args(arguments)
     try:
-        if PROCESSES > 1 and options.verb not in ("modes", "simulate"):
-            raise InputError(f"{options.verb} runs as one process; under mpirun only modes and simulate do more")
+        if PROCESSES > 1 and options.verb not in (("train",) if TOGETHER else ("modes", "simulate")):
+            raise InputError(f"{options.verb} runs as one process; several share modes and simulate (mpirun) and train (torchrun)")
         result = options.verb_function(options)
         if options.json and RANK == 0:
             print(json.dumps(finite(result)))

@@ -28,10 +28,10 @@ from physics.modes import elastic_modes, euler_bernoulli_hz
 CONFIG = Path(__file__).parent / "configs" / "m4gn-small.toml"
 
 
-def run(out: Path, *, say: Callable[[str], None], budget_seconds: float | None = None) -> dict[str, Any]:
+def run(out: Path, *, say: Callable[[str], None], steps: int | None = None) -> dict[str, Any]:
     """Make the demonstration in a folder; `say` takes what there is to read. Returns what evaluate() returns, and "seconds".
 
-    budget_seconds: of training, instead of those in learning/configs/m4gn-small.toml
+    steps: of training, instead of those in learning/configs/m4gn-small.toml
     """
     started = time.perf_counter()
     family, data = load_family("demo"), out / "data"
@@ -52,8 +52,8 @@ def run(out: Path, *, say: Callable[[str], None], budget_seconds: float | None =
     say(f"   {len(manifest.trajectories)} trajectories of {nodes:.0f} nodes on average, {1e3 * seconds / steps:.1f} ms a step: {data}")
 
     config = load_config(CONFIG)
-    if budget_seconds is not None:
-        config = replace(config, budget_seconds=budget_seconds)
+    if steps is not None:
+        config = replace(config, steps=steps)
     say(f"\n3  Segments: METIS, then refined by the first elastic mode and the distance to the obstacle ({config.method})")
     first = read_trajectory(files(data, "train")[0])
     for method in ("metis", config.method):
@@ -61,8 +61,7 @@ def run(out: Path, *, say: Callable[[str], None], budget_seconds: float | None =
         quality = segment_quality(first, label)
         say(f"   {method:12s} " + ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in quality.items()))
 
-    limit = f"{config.budget_seconds:.0f} s" if config.budget_seconds else f"{config.steps} steps"
-    say(f"\n4  M4GN, trained for {limit} on {len(files(data, 'train'))} trajectories")
+    say(f"\n4  M4GN, trained for {config.steps} steps on {len(files(data, 'train'))} trajectories")
     trained = out / "run"
     result = train(config, files(data, "train"), files(data, "valid"), trained, resume=(trained / "last.safetensors").exists())
     error = "none, every rollout blew up" if result["best_error"] is None else f"{1e3 * result['best_error']:.3f} mm"

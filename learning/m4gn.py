@@ -18,6 +18,11 @@ of several a node gets back, here it is their mean.
 The first layer of an edge MLP is linear in [e, h_i, h_j], so W [e, h_i, h_j] = W_e e + (W_i h)_i + (W_j h)_j: the
 products with h are taken once for each node rather than once for each edge. This is exact, up to the order of the sums.
 
+Arithmetic is float32 throughout with precision = "float32". "medium" is torch's word for products of float32 matrices that may
+be rounded to bfloat16 inside: processors that multiply bfloat16 in tiles (AMX) do that, others multiply float32 by another
+library, which is twice as fast on AMD's. With "bfloat16" layers take and give bfloat16 (8 bits of mantissa); weights, sums
+over edges and segments, and the output are float32.
+
 Legend: N nodes, E edges, K segments, B graphs, S most segments in a graph, H hidden size, A heads.
 Source: Lei et al., M4GN (sections "Micro-level module", "Macro-level module"; appendix "M4GN Configurations"); Pfaff et al.
 2021, section 3.2; Xiong et al. 2020 for the pre-LN block.
@@ -25,6 +30,8 @@ Source: Lei et al., M4GN (sections "Micro-level module", "Macro-level module"; a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
@@ -34,16 +41,19 @@ from torch.nn.functional import linear, scaled_dot_product_attention
 from learning.graph import CONTACT_EDGE_FEATURES, MESH_EDGE_FEATURES, NODE_FEATURES, Graph
 from physics.schema import InputError, quantity
 
+PRECISIONS = ("float32", "medium", "bfloat16")
+
 
 @dataclass(frozen=True, kw_only=True)
 class M4GNConfig:
-    """Sizes of the network, the paper's by default; walk: steps of the encodings' longest walk, 0 for no encodings."""
+    """Sizes of the network, the paper's by default, and its arithmetic; walk: steps of the encodings' longest walk, 0 for none."""
 
     hidden: int = quantity(128, at_least=1, at_most=4096)
     message_steps: int = quantity(7, at_least=1, at_most=100)
     transformer_layers: int = quantity(4, at_least=0, at_most=100)
     heads: int = quantity(8, at_least=1, at_most=256)
     walk: int = quantity(0, at_least=0, at_most=100)
+    precision: str = quantity("float32", choice=PRECISIONS)
 
 
 class M4GN(nn.Module):
@@ -53,6 +63,7 @@ class M4GN(nn.Module):
         super().__init__()
         if config.hidden % config.heads:
             raise InputError(f"network.hidden = {config.hidden}: must be a multiple of network.heads = {config.heads}")
+        self.reduced = config.precision == "bfloat16"
         hidden = config.hidden
         self.encode_node = MLP(NODE_FEATURES, hidden, hidden)
         self.encode_mesh = MLP(MESH_EDGE_FEATURES, hidden, hidden)
@@ -67,6 +78,10 @@ class M4GN(nn.Module):
 
     def forward(self, graph: Graph) -> Tensor:
         """(N, 3) normalised velocity; meaningless on nodes that are not free."""
+        with torch.autocast(graph.node.device.type, torch.bfloat16, enabled=self.reduced):
+            return self._velocity(graph).float()
+
+    def _velocity(self, graph: Graph) -> Tensor:
         x = graph.node if graph.node_code is None else graph.node + self.place_node(graph.node_code)
         h = self.encode_node(x)  # (N, H)
         e = self.encode_mesh(graph.mesh_edge)  # (E, H)
@@ -86,6 +101,17 @@ class M4GN(nn.Module):
             padded = block(padded, present)
         s = padded[graph.graph_of_segment, slot]  # (K, H)
         return self.decode(torch.cat([h, mean_of_own(s, graph.segment, graph.shared)], dim=1))  # (N, 3)
+
+
+@contextmanager
+def products(config: M4GNConfig) -> Iterator[None]:
+    """Products of matrices in a network's precision for the time of the block, backward passes included."""
+    before = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("medium" if config.precision == "medium" else "highest")
+    try:
+        yield
+    finally:
+        torch.set_float32_matmul_precision(before)
 
 
 class MLP(nn.Module):
@@ -134,15 +160,20 @@ class MessagePassing(nn.Module):
         """Latents of nodes, mesh edges and contact edges after the step."""
         e = e + self.mesh.on_edges(e, h, mesh_pair)
         w = w + self.contact.on_edges(w, h, contact_pair)
-        sums = [torch.zeros_like(h).index_add(0, pair[1], latent) for pair, latent in ((mesh_pair, e), (contact_pair, w))]
+        sums = [sum_at(pair[1], latent, len(h)) for pair, latent in ((mesh_pair, e), (contact_pair, w))]
         return h + self.node(torch.cat([h, *sums], dim=1)), e, w
+
+
+def sum_at(index: Tensor, values: Tensor, count: int) -> Tensor:
+    """(count, H) float32 sums of the rows of values (M, H) that have the same index (M,)."""
+    return torch.zeros(count, values.shape[1], device=values.device).index_add(0, index, values.float())
 
 
 def mean_of_segments(h: Tensor, segment: Tensor, count: int, shared: Tensor | None = None) -> Tensor:
     """(K, H) means of the nodes of each segment; shared: (2, M) nodes and further segments of theirs."""
-    sums, number = h.new_zeros(count, h.shape[1]).index_add(0, segment, h), torch.bincount(segment, minlength=count)
+    sums, number = sum_at(segment, h, count), torch.bincount(segment, minlength=count)
     if shared is not None:
-        sums = sums.index_add(0, shared[1], h.index_select(0, shared[0]))
+        sums = sums + sum_at(shared[1], h.index_select(0, shared[0]), count)
         number = number + torch.bincount(shared[1], minlength=count)
     return sums / number[:, None]
 
@@ -153,7 +184,7 @@ def mean_of_own(s: Tensor, segment: Tensor, shared: Tensor | None = None) -> Ten
     if shared is None:
         return own
     number = 1 + torch.bincount(shared[0], minlength=len(segment))
-    return own.index_add(0, shared[0], s.index_select(0, shared[1])) / number[:, None]
+    return (own + sum_at(shared[0], s.index_select(0, shared[1]), len(own))) / number[:, None]
 
 
 class TransformerBlock(nn.Module):

@@ -43,7 +43,8 @@ LOOSE = 1e-3  # cell sizes: a last step that may be left over where points of co
 HALVINGS = 6
 FRESH = 0.02  # cell sizes: after a larger step second derivatives are computed anew
 ROUNDS = 2  # evaluations of the body's own law at a pose
-STRIDE = 50  # components of which one is looked at for convergence
+SAMPLE = 50  # components of which one is looked at for convergence
+STRIDE = 0.2  # cell sizes: from pose to pose where c is computed; longer ones may miss that the body slides off sideways
 REACH = 1.5  # cell sizes: points with a smaller gap are looked at
 NEAR = 0.5  # cell sizes: points with a smaller gap take part in contact
 DIFFERENCE = 1e-4  # cell sizes
@@ -119,16 +120,23 @@ class Estimator:
         """Solve poses in order with the body's own law and keep c; gives the answers (M,) to what some of them leave over."""
         model, state, left = self._model, self._rest(), []
         at, beyond = [self._way[max(int(self.overlaps.argmax()) - 1, 0)]], [np.zeros(model.space.shape[1])]
+        last = max(int(self.overlaps.argmax()) - 1, 0)
         for frame in frames.tolist():
-            c = beyond[-1]
+            slope = (beyond[-1] - beyond[-2]) / (at[-1] - at[-2]) if len(at) > 1 else np.zeros_like(beyond[0])
+            for stop in self._stops(last, frame, STRIDE * self.size):
+                c = beyond[-1] + slope * (self._way[stop] - at[-1])
+                state = self._advance(self.centres[stop], state, c)
+            last = frame
             for _ in range(ROUNDS):
-                state = self._advance(self.centres[frame], state, c)
                 u = self._displacement(state).ravel()
                 force = self._elastic.internal(u)
                 if np.isfinite(force).all():  # no cell is inside out
                     c = model.space.T @ force - model.slope(state.q)
-            if frame in kept and np.isfinite(force).all():
-                left.append(self._elastic.answer(u, state.push - force))
+                state = self._advance(self.centres[frame], state, c)
+            if frame in kept:
+                u = self._displacement(state).ravel()
+                if np.isfinite(force := self._elastic.internal(u)).all():
+                    left.append(self._elastic.answer(u, state.push - force))
             at.append(self._way[frame])
             beyond.append(c)
         self._beyond = PchipInterpolator(at, np.array(beyond))
@@ -145,7 +153,7 @@ class Estimator:
         for row, frame in enumerate(frames):
             if frame < self.overlaps.argmax():
                 continue
-            for stop in self._stops(last, frame):
+            for stop in self._stops(last, frame, self.size):
                 way = min(max(self._way[stop], self._beyond.x[0]), self._beyond.x[-1])
                 state = self._advance(self.centres[stop], state, self._beyond(way))
             last = frame
@@ -158,9 +166,9 @@ class Estimator:
                 answer[row] = self._elastic.answer(u.ravel(), state.push - force).reshape(-1, 3)
         return out, answer
 
-    def _stops(self, start: int, end: int) -> list[int]:
-        """Frames between two, the last one included, at most a cell apart along the path."""
-        count = max(1, int(np.ceil((self._way[end] - self._way[start]) / self.size)))
+    def _stops(self, start: int, end: int, stride: float) -> list[int]:
+        """Frames between two, the last one included, about a stride [m] apart along the path."""
+        count = max(1, int(np.ceil((self._way[end] - self._way[start]) / stride)))
         return np.unique(np.linspace(start, end, count + 1).round().astype(int))[1:].tolist()
 
     def _rest(self) -> _State:
@@ -226,7 +234,7 @@ class Estimator:
             q, local = q + step, (answers @ force).reshape(-1, 3) @ turn.T
             pressure = np.zeros(len(zone))
             pressure[near] = p
-            change = max(abs(zone_space @ step).max(), abs(local - before).max(), abs(space[::STRIDE] @ step).max())
+            change = max(abs(zone_space @ step).max(), abs(local - before).max(), abs(space[::SAMPLE] @ step).max())
             if not change < self.size:
                 return None
             if change < self._tolerance:

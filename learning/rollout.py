@@ -25,6 +25,7 @@ from learning.checkpoint import Model
 from learning.data import Case, build_case, describe
 from learning.estimate import estimate
 from learning.graph import join
+from learning.m4gn import products
 
 BATCH = 8  # poses at a time
 # Takes displacements (N, 3) of the body [m] and the number of their frame, and gives better ones.
@@ -114,7 +115,7 @@ def _predict(model: Model, case: Case, targets: list[int], now: list[NDArray[np.
              before: list[NDArray[np.floating]]) -> NDArray[np.float64]:
     """(frames, N, 3) predicted displacements [m] of some frames, from one and two frames before each."""
     shown = [describe(case, target, u, v, model.config) for target, u, v in zip(targets, now, before, strict=True)]
-    with torch.inference_mode():
+    with torch.inference_mode(), products(model.config.network):
         said = model.normaliser.velocity * model.network(model.normaliser.graph(join([each.graph for each in shown])))
     outputs = said.numpy().reshape(len(targets), -1, 3)
     return np.stack([each.base + each.unit * output for each, output in zip(shown, outputs, strict=True)])

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import platform
 import time
 from collections.abc import Sequence
@@ -30,14 +31,15 @@ import scipy
 import tomli_w
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 from tqdm import tqdm
 
 from learning.checkpoint import Model, State, load_weights, read_state, write_state
 from learning.config import TrainConfig
 from learning.data import Case, Normaliser, all_frames, chances, fingerprint, fit_normaliser, load_cases, sample
-from learning.graph import join
-from learning.m4gn import M4GN
+from learning.graph import Graph, join
+from learning.m4gn import M4GN, products
+from learning.processes import Processes, processes
 from learning.rollout import rollout_error
 from learning.seen import seen, write_seen
 from physics.schema import InputError, read_table, to_table
@@ -67,7 +69,12 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         InputError: bad files, a run of other data or config, a damaged checkpoint, a folder that holds a run already
         FloatingPointError: a loss that is not finite; the run folder keeps the last checkpoint
     """
-    out = Path(out)
+    with processes(config) as group:
+        return _train(config, files_train, files_valid, Path(out), steps, resume, group)
+
+
+def _train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: Sequence[str | Path], out: Path, steps: int | None,
+           resume: bool, group: Processes) -> dict[str, Any]:
     if not resume and (out / "last.safetensors").exists():
         raise InputError(f"{out} holds a training already: resume it, or choose another folder")
     cases = load_cases(files_train, config)
@@ -95,23 +102,25 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         generator.set_state(state.generator)
     else:
         normaliser = fit_normaliser(cases, config)
-    write_whole(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
-    write_seen(out, seen(case.trajectory for case in cases))
-    curve = _open_curve(out / "curve.jsonl", about["step"])
+    if group.first:
+        write_whole(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
+        write_seen(out, seen(case.trajectory for case in cases))
+    curve = _open_curve(out / "curve.jsonl", about["step"]) if group.first else open(os.devnull, "w")
     start = time.perf_counter() - about["seconds"]
-    model = Model(config, network, normaliser, str(out))
+    model, learner = Model(config, network, normaliser, str(out)), group.learner(network)
     losses: list[float] = []
     last = config.steps if steps is None else min(steps, config.steps)
     first_step, first_second = about["step"], time.perf_counter()
     ended = about["step"] >= last or progress(config, about["step"], about["seconds"]) >= 1
 
-    with curve, tqdm(total=100, desc="train", disable=None, bar_format=BAR) as bar:
+    with curve, tqdm(total=100, desc="train", disable=None if group.first else True, bar_format=BAR) as bar, products(config.network):
         while not ended:
-            rate = learning_rate(config, progress(config, about["step"], time.perf_counter() - start))
+            rate = learning_rate(config, progress(config, about["step"], group.agreed(time.perf_counter() - start)))
             optimizer.param_groups[0]["lr"] = rate
-            losses.append(_step(network, optimizer, normaliser, config, cases, frames, chance, generator))
+            batch = draw(cases, frames, chance, config, generator)
+            losses.append(_step(learner, optimizer, normaliser, config, batch, group))
             about["step"] += 1
-            about["seconds"] = time.perf_counter() - start
+            about["seconds"] = group.agreed(time.perf_counter() - start)
             if not math.isfinite(losses[-1]):
                 raise FloatingPointError(f"the loss is {losses[-1]} at step {about['step']}, learning rate {rate:.2g}: "
                                          f"choose a lower one; {out} keeps the state of the last checkpoint")
@@ -125,9 +134,11 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
                 bar.set_postfix_str(f"step {about['step']} loss {about['loss']:.3g}{error}", refresh=False)
                 bar.update(100 * min(done, 1.0) - bar.n)
             if about["step"] % config.validate_every == 0 or ended:
-                _validate(model, cases_valid, about, curve, out)
-                about["seconds"] = time.perf_counter() - start
-                write_state(out / "last.safetensors", _state(model, about, optimizer, generator))
+                if group.first:
+                    _validate(model, cases_valid, about, curve, out)
+                about["seconds"] = group.agreed(time.perf_counter() - start)
+                if group.first:
+                    write_state(out / "last.safetensors", _state(model, about, optimizer, generator))
 
     return {"run": str(out), "steps": about["step"], "seconds": about["seconds"],
             "ms_per_step": 1e3 * (time.perf_counter() - first_second) / max(about["step"] - first_step, 1),
@@ -146,24 +157,30 @@ def progress(config: TrainConfig, step: int, seconds: float) -> float:
     return max(step / config.steps, seconds / config.budget_seconds if config.budget_seconds else 0.0)
 
 
-def _step(network: M4GN, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
-          cases: Sequence[Case], frames: NDArray[np.int64], chance: Tensor | None, generator: torch.Generator) -> float:
-    """One step of Adam on one batch; returns its loss."""
+def draw(cases: Sequence[Case], frames: NDArray[np.int64], chance: Tensor | None, config: TrainConfig,
+         generator: torch.Generator) -> list[tuple[Graph, Tensor, Tensor]]:
+    """A batch: of each sample its graph, its target (N, 3) and which of its nodes are free (N,)."""
     if chance is None:
         picked = torch.randint(len(frames), (config.batch_size,), generator=generator)
     else:
         picked = torch.multinomial(chance, config.batch_size, replacement=True, generator=generator)
-    drawn = frames[picked.numpy()]
-    batch = [sample(cases[which], frame, config, generator) for which, frame in drawn.tolist()]
-    free = torch.from_numpy(np.concatenate([cases[which].skeleton.free for which, _ in drawn.tolist()]))
-    target = torch.cat([velocity for _, velocity in batch]) / normaliser.velocity  # (N, 3)
-    predicted = network(normaliser.graph(join([graph for graph, _ in batch])))
-    loss: Tensor = (predicted - target)[free].square().mean()
+    drawn = frames[picked.numpy()].tolist()
+    return [(*sample(cases[which], frame, config, generator), torch.from_numpy(cases[which].skeleton.free)) for which, frame in drawn]
+
+
+def _step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
+          batch: list[tuple[Graph, Tensor, Tensor]], group: Processes) -> float:
+    """One step of Adam on one batch; returns its loss."""
+    components = 3 * sum(int(free.sum()) for _, _, free in batch)
+    graphs, targets, masks = zip(*batch[group.rank::group.count], strict=True)
+    predicted = learner(normaliser.graph(join(graphs)))
+    errors = (predicted - torch.cat(targets) / normaliser.velocity)[torch.cat(masks)]
+    loss: Tensor = errors.square().sum() / components  # this process's part
     optimizer.zero_grad()
-    loss.backward()
-    torch.nn.utils.clip_grad_norm_(network.parameters(), config.clip_norm)
+    (group.count * loss).backward()  # of which the processes' mean is taken
+    torch.nn.utils.clip_grad_norm_(learner.parameters(), config.clip_norm)
     optimizer.step()
-    return loss.item()
+    return group.total(loss.item())
 
 
 def _validate(model: Model, cases: Sequence[Case], about: dict[str, Any], curve: Any, out: Path) -> None:
@@ -189,6 +206,7 @@ def _state(model: Model, about: dict[str, Any], optimizer: torch.optim.Optimizer
 
 def _check_same_run(saved: dict[str, Any], asked: dict[str, Any], out: Path) -> None:
     """Raise `InputError` unless data and config are those of the saved run; its end (steps, budget_seconds) may be moved."""
+    saved = {**saved, "config": to_table(read_table(TrainConfig, saved["config"]))}  # with the defaults of keys it did not know
     if saved["fingerprint"] != asked["fingerprint"]:
         raise InputError(f"{out} was trained on other data: it cannot be resumed with these files")
     trained = to_table(read_table(TrainConfig, saved["config"], f"{out}: config"))  # keys of later versions at their defaults

@@ -129,7 +129,7 @@ def segment_picture(path: str | Path, mesh: Mesh, segment: Integers, *, obstacle
     still, eye = np.zeros_like(mesh.points), _eye(mesh)
     camera = _fit([mesh.points], obstacle, eye)
     panel = _draw(mesh, still, colours[np.concatenate(facets)], (0, 1), SIZE_COLOURS, camera, _panel_size(camera, 1), obstacle=obstacle)
-    Image.fromarray(panel).save(path)
+    Image.fromarray(panel).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def mode_picture(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "") -> None:

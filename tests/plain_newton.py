@@ -100,4 +100,7 @@ def solve_linear(hessian, right):
     x, b = matrix.createVecs()
     b.array[:] = right
     pc.apply(b, x)
-    return x.array.copy()
+    found = x.array.copy()
+    for used in (pc, matrix, x, b):  # petsc4py would keep them, gigabytes after some hundred steps
+        used.destroy()
+    return found

@@ -10,7 +10,9 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 import fidelity
+from datagen.trajectory import read_trajectory, write_trajectory
 from learning import demo
+from tests.synthetic import bending
 
 ROOT = Path(__file__).parent.parent
 SCENE = """
@@ -51,6 +53,21 @@ def run_json(capsys, *arguments):
     assert status == 0, err
     assert out.count("\n") == 1
     return json.loads(out)
+
+
+def test_segments_of_a_file(capsys, tmp_path):
+    path = tmp_path / "bent.vtkhdf"
+    write_trajectory(path, bending())
+    before = path.read_bytes()
+    for wrong, words in ((["--method", "slic"], "did you mean"), (["--tau", "-1"], "tau = -1"), (["--mode-count", "3"], "2 of the 3 modes"),
+                         (["--picture", tmp_path / "s.gif"], "must end in .png")):
+        status, _, error = run(capsys, "segment", path, *wrong)
+        assert status == 2 and words in error and path.read_bytes() == before
+    result = run_json(capsys, "segment", path, "--segments", "auto", "--method", "slic-md", "--picture", tmp_path / "s.png")
+    best = max(result["silhouette_of"], key=result["silhouette_of"].get)
+    assert result["segments"] == int(best) and (tmp_path / "s.png").stat().st_size > 1000
+    label = read_trajectory(path).segment
+    assert label is not None and label.max() == result["segments"]  # the obstacle's
 
 
 def test_modes(capsys, scene, tmp_path):
@@ -157,9 +174,9 @@ def test_a_data_set_by_its_verbs(capsys, tmp_path):
 
 
 def test_demo_with_little_training(capsys, tmp_path, monkeypatch):
-    """The whole demo; half a minute of training already beats that nothing moves."""
+    """The whole demo; some hundred steps of training already beat that nothing moves."""
     said = []
-    result = demo.run(tmp_path / "demo", say=said.append, budget_seconds=30)
+    result = demo.run(tmp_path / "demo", say=said.append, steps=600)
     text = "\n".join(said)
     assert "Euler-Bernoulli" in text and "12 trajectories" in text
     rows = {row["name"]: row["scores"]["rmse_all"] for row in result["rows"]}

@@ -8,9 +8,10 @@ import pytest
 import torch
 
 from learning.graph import Graph, build_graph, build_skeleton, join
-from learning.m4gn import M4GN, M4GNConfig, mean_of_segments
+from learning.m4gn import M4GN, M4GNConfig, mean_of_segments, products
 from learning.segments import segment
 from physics.schema import InputError
+from tests import plain_m4gn
 from tests.synthetic import bending
 
 SMALL = M4GNConfig(hidden=16, message_steps=3, transformer_layers=2, heads=4)
@@ -75,6 +76,32 @@ def test_the_fast_network_is_the_plain_one(variant):
     network = made(variant)
     for case in (graph(variant=variant), graph(gap=0.05, travel=0.001, variant=variant)):
         assert torch.allclose(network(case), naive(network, case), **TOLERANCE)
+
+
+@torch.no_grad()
+def test_the_network_of_the_benchmark_is_the_same(network):
+    assert torch.allclose(plain_m4gn.forward(network, graph()), naive(network, graph()), **TOLERANCE)
+
+
+@pytest.mark.parametrize("precision, error", [
+    ("medium", 1e-2),  # as bfloat16 where the processor rounds products, 1e-6 elsewhere
+    ("bfloat16", 4e-2),  # 2^-9 for each rounding, some 50 roundings one after the other
+])
+def test_reduced_precision_gives_about_the_same(network, precision, error):
+    case, config = graph(), replace(SMALL, precision=precision)
+    rough = M4GN(config)
+    rough.load_state_dict(network.state_dict())
+    with products(config):
+        found = rough(case)
+        found.square().sum().backward()
+    assert found.dtype == torch.float32
+    assert (found - network(case)).norm() < error * network(case).norm()
+    network(case).square().sum().backward()
+    pairs = list(zip(rough.parameters(), network.parameters(), strict=True))
+    off = sum(float((mine.grad - exact.grad).square().sum()) for mine, exact in pairs)
+    assert off < error**2 * sum(float(exact.grad.square().sum()) for _, exact in pairs)
+    network.zero_grad()
+    assert torch.get_float32_matmul_precision() == "highest"
 
 
 @torch.no_grad()

@@ -1,12 +1,16 @@
 """Training and prediction: honest data, honest rollouts, and runs that can be killed."""
 
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 import torch
 
 import learning
@@ -18,7 +22,7 @@ from learning.graph import build_graph
 from learning.m4gn import M4GN, M4GNConfig
 from learning.rollout import predict_step, rollout
 from learning.train import learning_rate, train
-from physics.schema import InputError
+from physics.schema import InputError, to_table
 from tests.synthetic import bending
 
 CONFIG = TrainConfig(segments=7, network=M4GNConfig(hidden=16, message_steps=2, transformer_layers=1, heads=4),
@@ -242,3 +246,28 @@ def test_the_configs_in_the_package_are_valid(name):
     config = load_config(Path(learning.__file__).parent / "configs" / f"{name}.toml")
     if name == "m4gn-beam":  # the paper's values are the defaults, but for the overlap
         assert config == TrainConfig(overlap=1)
+
+
+# several processes
+
+def test_two_processes_train_the_network_of_one(files, tmp_path):
+    config = tmp_path / "config.toml"
+    config.write_text(tomli_w.dumps(to_table(CONFIG)))
+    data = tmp_path / "data"
+    for split, paths in files.items():
+        (data / split).mkdir(parents=True)
+        for number, path in enumerate(paths):
+            (data / split / f"{number:04}.vtkhdf").symlink_to(path)
+    root = Path(learning.__file__).parent.parent
+    together = subprocess.run(
+        [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "fidelity", "train",
+         str(config), "--data", str(data), "--out", str(tmp_path / "two"), "--json"],
+        cwd=root, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(root)})
+    assert together.returncode == 0, together.stderr
+    told = json.loads(together.stdout)  # one object: the first process alone speaks
+    alone = train(CONFIG, files["train"], files["valid"], tmp_path / "one")
+    assert told["steps"] == alone["steps"]
+    # the same sums in another order, float32; Adam's first steps have the size of the rate whatever the gradient's is, so rounding
+    # of gradients near zero can show
+    assert told["loss"] == pytest.approx(alone["loss"], rel=1e-3)
+    assert told["best_error"] == pytest.approx(alone["best_error"], rel=1e-3)

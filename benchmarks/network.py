@@ -1,0 +1,222 @@
+"""What training and prediction cost a network: ours against the same one written plainly, and against the machine.
+
+    .venv/bin/python benchmarks/network.py             the paper's sizes on a mesh of the paper's, about four minutes
+    .venv/bin/python benchmarks/network.py --growth    1.5 k, 4.5 k and 15 k nodes: time and memory of a sample
+
+"Plain" is the network as its equations read: the inputs of every edge side by side in one product, in float32
+(tests/plain_m4gn.py: the same weights and the same result, which is measured here too). Times are processor time of one
+thread, the least of runs made in turn, of one training sample (forward and backward) and of one prediction. The peak is that of
+the product of two 2048 x 2048 matrices in the same precision and the same run; operations are counted by torch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+os.environ["OMP_NUM_THREADS"] = "1"
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.profiler import ProfilerActivity, profile
+from torch.utils.flop_counter import FlopCounterMode
+
+from learning.config import TrainConfig
+from learning.data import build_case, fit_normaliser, sample
+from learning.graph import Graph, join
+from learning.m4gn import M4GN, PRECISIONS, M4GNConfig, products
+from tests import plain_m4gn
+from tests.synthetic import bending
+
+CELLS = {"1.5 k": (40, 5, 5), "4.5 k": (60, 8, 7), "15 k": (100, 11, 11)}
+PARTS = {
+    "products": ("aten::addmm", "aten::mm", "aten::linear", "aten::mkldnn_linear", "aten::bmm", "mkldnn::_linear_pointwise"),
+    "layer norm": ("aten::native_layer_norm", "aten::native_layer_norm_backward"),
+    "gathers and sums over edges": ("aten::index_select", "aten::index_add_", "aten::index_add", "aten::index"),
+}
+Run = Callable[[], Tensor]
+
+
+def batch_of(cells: tuple[int, int, int], size: int) -> tuple[Graph, Tensor, Tensor]:
+    """A normalised batch of some frames of one beam, which of its nodes are free, and its target (N, 3)."""
+    config = TrainConfig(contact_radius=0.004)
+    case = build_case(bending(cells=cells), config)
+    normaliser = fit_normaliser([case], config)
+    generator = torch.Generator().manual_seed(0)
+    samples = [sample(case, frame, config, generator) for frame in range(10 - size, 10)]
+    target = torch.cat([target for _, target in samples]) / normaliser.velocity
+    return normaliser.graph(join([graph for graph, _ in samples])), torch.from_numpy(np.tile(case.skeleton.free, size)), target
+
+
+def network_in(precision: str) -> M4GN:
+    """The same weights in every precision."""
+    torch.manual_seed(0)
+    return M4GN(M4GNConfig(precision=precision))
+
+
+def ways(graph: Graph) -> dict[str, tuple[M4GN, Run]]:
+    """Each way to run the network: the network, and its forward pass."""
+    found: dict[str, tuple[M4GN, Run]] = {}
+    for precision in PRECISIONS:
+        network = network_in(precision)
+        found[precision] = network, partial(network, graph)
+    network = network_in("float32")
+    return {"plain": (network, partial(plain_m4gn.forward, network, graph)), **found}
+
+
+def cost(run: Callable[[], Any]) -> float:
+    """Processor time [s]."""
+    start = time.process_time()
+    run()
+    return time.process_time() - start
+
+
+def predict(forward: Run) -> Tensor:
+    with torch.inference_mode():
+        return forward()
+
+
+def learn(forward: Run, network: M4GN, free: Tensor, target: Tensor) -> Tensor:
+    """One forward and one backward pass; returns all gradients in a row."""
+    network.zero_grad()
+    (forward() - target)[free].square().mean().backward()
+    return torch.cat([weight.grad.flatten() for weight in network.parameters() if weight.grad is not None])
+
+
+def peak(precision: str) -> float:
+    """Operations a second in the product of two large matrices."""
+    a = torch.randn(2048, 2048, dtype=torch.bfloat16 if precision == "bfloat16" else torch.float32)
+    return 2 * 2048**3 / min(cost(lambda: a @ a) for _ in range(3))
+
+
+def versus(repeats: int, size: int) -> dict[str, Any]:
+    """Times, errors and shares of the peak of every way, at the paper's sizes."""
+    graph, free, target = batch_of(CELLS["1.5 k"], size)
+    found = ways(graph)
+    times: dict[str, dict[str, list[float]]] = {way: {"predict": [], "learn": []} for way in found}
+    peaks: dict[str, float] = {}
+    for _ in range(repeats):
+        for way, (network, forward) in found.items():
+            with products(network_config(way)):
+                peaks[way] = max(peaks.get(way, 0.0), peak(way))
+                times[way]["predict"].append(cost(partial(predict, forward)))
+                times[way]["learn"].append(cost(partial(learn, forward, network, free, target)))
+    rows: dict[str, dict[str, Any]] = {}
+    exact: list[Tensor] = []
+    for way, (network, forward) in found.items():
+        runs = {"predict": partial(predict, forward), "learn": partial(learn, forward, network, free, target)}
+        row: dict[str, Any] = {"peak_gflops": peaks[way] / 1e9}
+        with products(network_config(way)):
+            results = [run() for run in runs.values()]
+            exact = exact or results  # of the first way, the plain one
+            for (kind, run), result, right in zip(runs.items(), results, exact, strict=True):
+                seconds = min(times[way][kind])
+                row |= {f"{kind}_ms": 1e3 * seconds / size, f"{kind}_ratio": min(times["plain"][kind]) / seconds,
+                        f"{kind}_error": relative(result, right), f"{kind}_share": counted(run) / seconds / peaks[way]}
+            rows[way] = {**row, "where": where(runs["learn"])}
+    return {"nodes": len(graph.node) // size, "edges": len(graph.mesh_edge) // size, "contact_edges": len(graph.contact_edge) // size,
+            "batch": size, "torch": torch.__version__, "processor": processor(), "rows": rows}
+
+
+def network_config(way: str) -> M4GNConfig:
+    return M4GNConfig(precision="float32" if way == "plain" else way)
+
+
+def counted(run: Callable[[], Any]) -> float:
+    """Operations in products of matrices."""
+    with FlopCounterMode(display=False) as counter:
+        run()
+    return float(counter.get_total_flops())
+
+
+def relative(found: Tensor, exact: Tensor) -> float:
+    return float((found - exact).norm() / exact.norm())
+
+
+def where(run: Run) -> dict[str, float]:
+    """Shares of the time of a training step."""
+    with profile(activities=[ProfilerActivity.CPU]) as profiler:
+        run()
+    events = profiler.key_averages()
+    total = sum(event.self_cpu_time_total for event in events)
+    shares = {part: sum(e.self_cpu_time_total for e in events if e.key in names) / total for part, names in PARTS.items()}
+    return {**shares, "the rest": 1 - sum(shares.values())}
+
+
+def growth() -> dict[str, Any]:
+    """Time and memory of one sample against the size of the mesh, each size in a process of its own, and the fitted exponent."""
+    rows = [json.loads(subprocess.run([sys.executable, __file__, "--one", name], capture_output=True, text=True, check=True).stdout)
+            for name in CELLS]
+    logs = np.log([[row["nodes"], row["learn_ms"], row["predict_ms"]] for row in rows])
+    return {"rows": rows, "exponent_learn": float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0]),
+            "exponent_predict": float(np.polyfit(logs[:, 0], logs[:, 2], 1)[0])}
+
+
+def one(name: str) -> dict[str, Any]:
+    """One size of the mesh, in "medium" precision."""
+    graph, free, target = batch_of(CELLS[name], 1)
+    network = network_in("medium")
+    with products(network_config("medium")):
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        second = min(cost(lambda: learn(lambda: network(graph), network, free, target)) for _ in range(3))
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+        first = min(cost(lambda: predict(lambda: network(graph))) for _ in range(3))
+    return {"nodes": len(graph.node), "edges": len(graph.mesh_edge), "predict_ms": 1e3 * first, "learn_ms": 1e3 * second,
+            "memory_mb": memory / 1024}
+
+
+def processor() -> str:
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            return line.split(":")[1].strip()
+    return platform.machine()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--growth", action="store_true")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--batch", type=int, default=2)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--one", choices=CELLS, help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    torch.set_num_threads(1)
+    if asked.one:
+        print(json.dumps(one(asked.one)))
+        return
+    found = growth() if asked.growth else versus(asked.repeats, asked.batch)
+    if asked.json:
+        print(json.dumps(found))
+    elif asked.growth:
+        print("| nodes | mesh edges | training, ms | prediction, ms | memory of a training sample, MB |\n|---:|---:|---:|---:|---:|")
+        for row in found["rows"]:
+            print(f"| {row['nodes']} | {row['edges']} | {row['learn_ms']:.0f} | {row['predict_ms']:.0f} | {row['memory_mb']:.0f} |")
+        print(f"\nexponent of the nodes: training {found['exponent_learn']:.2f}, prediction {found['exponent_predict']:.2f}")
+    else:
+        print(f"{found['nodes']} nodes, {found['edges']} mesh edges, {found['contact_edges']} contact edges, batch {found['batch']}, "
+              f"torch {found['torch']}, {found['processor']}, one thread\n")
+        print("| | prediction, ms | against plain | training, ms a sample | against plain | difference of result, of gradient "
+              "| share of peak, prediction, training |\n|---|---:|---:|---:|---:|---:|---:|")
+        for way, row in found["rows"].items():
+            print(f"| {way} | {row['predict_ms']:.0f} | {row['predict_ratio']:.1f} | {row['learn_ms']:.0f} | {row['learn_ratio']:.1f} | "
+                  f"{row['predict_error']:.0e}, {row['learn_error']:.0e} | "
+                  f"{row['predict_share']:.0%}, {row['learn_share']:.0%} of {row['peak_gflops']:.0f} GFLOP/s |")
+        for way, row in found["rows"].items():
+            print(f"\n{way}: " + ", ".join(f"{part} {share:.0%}" for part, share in row["where"].items()), end="")
+        print()
+
+
+if __name__ == "__main__":
+    main()
