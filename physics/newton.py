@@ -3,9 +3,9 @@
 The out-of-balance force falls by about the same factor at each step while the stiffness changes little, so one Cholesky
 factor (factor.py) serves many equilibria, until the steps that it costs more than a fresh one outweigh making a new one;
 mixing (mixing.py) makes that later.
-Contact never enters that factor: forces at the points near the obstacle follow from a small dense problem on its compliance
-(contact.py). A body that the obstacle alone keeps from giving way has an indefinite stiffness; its factor then shows, by
-its negative pivots, whether contact holds every direction in which the body would give way.
+Contact never enters that factor, nor does the roundness of the obstacle: forces at the points near it follow from a small dense
+problem on its compliance (contact.py, touch.py). A body that the obstacle alone keeps from giving way has an indefinite
+stiffness; its factor then shows, by its negative pivots, whether contact holds every direction in which the body would give way.
 
 Legend: N nodes, Q contact points, q of them in a zone near the obstacle.
 """
@@ -29,8 +29,8 @@ Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-6  # residual force over reaction
 NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
-LOSS, SELDOM = 0.3, 0.05  # when the next look at stability comes: loss of the softest mode's stiffness, share of the loading
 REACH = 2.0  # and up to this many cell sizes away they are looked at
+LOSS, SELDOM = 0.3, 0.05  # when the next look at stability comes: loss of the softest mode's stiffness, share of the loading
 ITERATIONS = 12  # Newton steps before a state is given up
 TURNED = 0.035  # of the body's smallest extent that a node may move before the factor that corrects predictions is made anew
 

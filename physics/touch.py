@@ -1,6 +1,6 @@
-"""Contact at one state of a body, and the body as its points of contact feel it.
+"""Contact in one Newton step: what an obstacle is to the body at the points that are near it.
 
-Legend: N nodes, q points of a zone near the obstacle, k of them looked at, n nodes behind these, b rows of B.
+Legend: N nodes, q points of a zone near the obstacle, k of them, n nodes behind those.
 """
 
 from __future__ import annotations
