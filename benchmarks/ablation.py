@@ -3,10 +3,12 @@
     .venv/bin/python benchmarks/ablation.py --vary method --seconds 60
     .venv/bin/python benchmarks/ablation.py --vary segments --seconds 60 --seeds 3 --json segments.json
 
---vary is method, segments, overlap, encoding, message_steps or scheme. Each training gets so many steps as take the given
-processor seconds, by the time of its first 20 steps; making segments and estimates comes on top. The beams are those of
-assets/beam-small.pack, or a data set (--data). Errors as in benchmarks/accuracy.py, means over the test trajectories, in mm; with
-several seeds their mean and standard deviation, which short trainings need before two rows may be told apart. One thread.
+--vary is method, segments, overlap, encoding, message_steps or scheme. All but the last predict straight from the obstacle's pose,
+which a minute already teaches something (stepwise takes several before its rollouts hold). Each training gets so many steps as
+take the given processor seconds, by the fastest of ten steps made before, or, where rows differ in segments alone, as many as the
+first row; reading the data, segments and estimates come on top. The beams are those of assets/beam-small.pack, or a data set
+(--data). Errors as in benchmarks/accuracy.py, means over the test trajectories, in mm; with several seeds their mean and
+standard deviation, which short trainings need before two rows may be told apart. One thread.
 """
 
 from __future__ import annotations
@@ -34,19 +36,23 @@ from datagen.pack import unpack
 from datagen.trajectory import read_trajectory
 from learning.checkpoint import load_model
 from learning.config import TrainConfig
-from learning.data import build_case
+from learning.data import build_case, load_cases, sample
 from learning.features import METHODS
+from learning.graph import join
+from learning.m4gn import M4GN
 from learning.segment_quality import segment_quality
 from learning.train import train
 
 PACK = Path(__file__).parent.parent / "assets" / "beam-small.pack"
-FIRST = 20  # steps that are timed
+TIMED = 10  # steps
+ALIKE = ("method", "segments")  # differ in nothing that a step costs
 ERRORS = ("rmse_1", "rmse_50", "rmse_all")
 
 
 def variants(name: str) -> dict[str, TrainConfig]:
     """The configs to compare, by what to call them."""
-    network = BASE.network
+    base = BASE if name == "scheme" else replace(BASE, **SCHEMES["pose"])
+    network = base.network
     choices: dict[str, dict[str, dict[str, Any]]] = {
         "method": {method: {"method": method} for method in METHODS},
         "segments": {str(count): {"segments": count} for count in (3, 6, 12, 24, 48, "auto")},
@@ -55,20 +61,28 @@ def variants(name: str) -> dict[str, TrainConfig]:
         "message_steps": {str(steps): {"network": replace(network, message_steps=steps)} for steps in (1, 2, 4, 7)},
         "scheme": SCHEMES,
     }
-    return {label: replace(BASE, **change) for label, change in choices[name].items()}
+    return {label: replace(base, **change) for label, change in choices[name].items()}
 
 
-def trained(config: TrainConfig, paths: list[Path], tests: list[Path], seconds: float) -> dict[str, float]:
-    """Steps, processor seconds and errors [m] of one training."""
+def step_seconds(config: TrainConfig, path: Path) -> float:
+    """[s] of processor time of one training step: samples, forward and backward pass."""
+    case, generator = load_cases([path], config)[0], torch.Generator().manual_seed(0)
+    frames = case.targets[np.linspace(0, len(case.targets) - 1, config.batch_size).astype(int)] - 1
+    network, found = M4GN(config.network), []
+    for _ in range(TIMED):
+        started = time.process_time()
+        drawn = [sample(case, int(frame), config, generator) for frame in frames]
+        (network(join([graph for graph, _ in drawn])) - torch.cat([target for _, target in drawn])).square().mean().backward()
+        found.append(time.process_time() - started)
+    return min(found)
+
+
+def trained(config: TrainConfig, paths: list[Path], tests: list[Path]) -> dict[str, dict[str, float]]:
+    """Errors [m] of one training, and of what knows nothing."""
     with tempfile.TemporaryDirectory() as folder:
-        wall, spent = time.perf_counter(), time.process_time()
-        first = train(replace(config, steps=FIRST), paths, [], Path(folder, "first"))
-        share = (time.process_time() - spent) / (time.perf_counter() - wall)  # of the core, on a machine that others use
-        each = 1e-3 * first["ms_per_step"] * share
-        config = replace(config, steps=max(1, round(seconds / each)))
-        result = train(config, paths, [], Path(folder, "run"))
-        rows, _ = table(load_model(Path(folder, "run")), tests, every=4)
-    return {"steps": result["steps"], "ms_per_step": 1e3 * each} | {name: rows["network"][name] for name in ERRORS}
+        train(config, paths, [], folder)
+        rows, _ = table(load_model(folder), tests, every=4)
+    return rows
 
 
 def main() -> None:
@@ -91,22 +105,30 @@ def main() -> None:
         if not options.data:
             unpack(PACK, data := Path(folder, "data"))
         paths, tests = files(data, "train"), files(data, "test")
-        rows = {}
+        rows: dict[str, Any] = {}
+        each = 0.0
         print(f"| {options.vary} | segments | silhouette | steps | ms a step | RMSE-1 [mm] | RMSE-50 [mm] | RMSE-all [mm] |")
         print("| --- " + "| ---: " * 7 + "|")
         for label, config in compared.items():
-            runs = [trained(replace(config, seed=seed), paths, tests, options.seconds) for seed in range(options.seeds)]
+            if not each or options.vary not in ALIKE:
+                each = step_seconds(config, paths[0])
+            steps = max(1, round(options.seconds / each))
+            found = [trained(replace(config, seed=seed, steps=steps), paths, tests) for seed in range(options.seeds)]
+            runs = [run["network"] for run in found]
             quality, count = [], []
             for path in tests:
                 case = build_case(read_trajectory(path), replace(config, estimate=False))
                 count.append(len(np.unique(case.skeleton.segment[case.trajectory.body])))
                 quality.append(segment_quality(case.trajectory, case.skeleton.segment)["silhouette"])
-            rows[label] = {"runs": runs, "segments": float(np.mean(count)), "silhouette": float(np.mean(quality))}
-            mean = {name: float(np.mean([run[name] for run in runs])) for name in runs[0]}
+            rows[label] = {"runs": runs, "steps": steps, "ms_per_step": 1e3 * each, "segments": float(np.mean(count)),
+                           "silhouette": float(np.mean(quality))}
+            mean = {name: float(np.mean([run[name] for run in runs])) for name in ERRORS}
             spread = {name: f" ± {1e3 * np.std([run[name] for run in runs], ddof=1):.2g}" if len(runs) > 1 else "" for name in ERRORS}
-            cells = [label, f"{rows[label]['segments']:.3g}", f"{rows[label]['silhouette']:.3f}", f"{mean['steps']:.0f}",
-                     f"{mean['ms_per_step']:.1f}", *(f"{1e3 * mean[name]:.3g}{spread[name]}" for name in ERRORS)]
+            cells = [label, f"{rows[label]['segments']:.3g}", f"{rows[label]['silhouette']:.3f}", str(steps), f"{1e3 * each:.1f}",
+                     *(f"{1e3 * mean[name]:.3g}{spread[name]}" for name in ERRORS)]
             print("| " + " | ".join(cells) + " |", flush=True)
+        rows["nothing moves"] = still = found[0]["nothing moves"]
+        print("| nothing moves" + " | " * 5 + " | ".join(f"{1e3 * still[name]:.3g}" for name in ERRORS) + " |")
     if options.json:
         Path(options.json).write_text(json.dumps({"vary": options.vary, "seconds": options.seconds, "rows": rows}, indent=1))
 

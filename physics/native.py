@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from physics import fem
 
+# Linked by a second command: were -ffast-math among its options, g++ before version 13 would add code that makes every denormal
+# number of the whole process zero, also in other libraries (scipy's search trees abort on that).
+APART = "linked apart"
 LINK = ["-lmvec"] if platform.machine() == "x86_64" else []  # glibc's functions of several numbers at once
 
 
@@ -27,15 +30,16 @@ def compiled(source: Callable[[], str] | str, *key: str) -> ctypes.CDLL:
     """
     folder = fem.cache_folder()
     folder.mkdir(parents=True, exist_ok=True)
-    name = hashlib.sha256("\n".join([*fem.COMPILE, *LINK, *(key or (str(source),))]).encode()).hexdigest()[:32]
+    name = hashlib.sha256("\n".join([*fem.COMPILE, APART, *LINK, *(key or (str(source),))]).encode()).hexdigest()[:32]
     library = folder / f"kernel_{name}.so"
     if not library.exists():
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             (Path(scratch) / "kernel.cpp").write_text(source if isinstance(source, str) else source())
-            command = ["g++", *fem.COMPILE, "-shared", "-fPIC", "-Wno-psabi", "-o", "kernel.so", "kernel.cpp", *LINK]
-            made = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
-            if made.returncode:
-                raise RuntimeError(f"g++ could not compile a kernel: {made.stderr.strip().splitlines()[0]}")
+            for command in (["g++", *fem.COMPILE, "-c", "-fPIC", "-Wno-psabi", "-o", "kernel.o", "kernel.cpp"],
+                            ["g++", "-shared", "-o", "kernel.so", "kernel.o", *LINK]):
+                made = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
+                if made.returncode:
+                    raise RuntimeError(f"g++ could not compile a kernel: {made.stderr.strip().splitlines()[0]}")
             os.replace(Path(scratch) / "kernel.so", library)  # whole or not at all, whoever else is compiling the same
     return ctypes.CDLL(str(library))
 

@@ -3,9 +3,9 @@
 The out-of-balance force falls by about the same factor at each step while the stiffness changes little, so one Cholesky
 factor (factor.py) serves many equilibria, until the steps that it costs more than a fresh one outweigh making a new one;
 mixing (mixing.py) makes that later.
-Contact never enters that factor: forces at the points near the obstacle follow from a small dense problem on its compliance
-(contact.py). A body that the obstacle alone keeps from giving way has an indefinite stiffness; its factor then shows, by
-its negative pivots, whether contact holds every direction in which the body would give way.
+Contact never enters that factor, nor does the roundness of the obstacle: forces at the points near it follow from a small dense
+problem on its compliance (contact.py, touch.py). A body that the obstacle alone keeps from giving way has an indefinite
+stiffness; its factor then shows, by its negative pivots, whether contact holds every direction in which the body would give way.
 
 Legend: N nodes, Q contact points, q of them in a zone near the obstacle.
 """
@@ -22,13 +22,14 @@ from physics.balance import GAP_TOLERANCE, Balance
 from physics.contact import Zone, solve_complementarity
 from physics.factor import Factor, NotPositiveDefinite, SparseFactor, factor_for
 from physics.mixing import Mixing
+from physics.touch import Condensed, Touch
 
 Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-6  # residual force over reaction
 NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
-LOSS, SELDOM = 0.3, 0.05  # when the next look at stability comes: loss of the softest mode's stiffness, share of the loading
 REACH = 2.0  # and up to this many cell sizes away they are looked at
+LOSS, SELDOM = 0.3, 0.05  # when the next look at stability comes: loss of the softest mode's stiffness, share of the loading
 ITERATIONS = 12  # Newton steps before a state is given up
 TURNED = 0.035  # of the body's smallest extent that a node may move before the factor that corrects predictions is made anew
 
@@ -49,47 +50,6 @@ class State:
     residual: float = 0.0  # free components, over the reaction
     gap_error: float = 0.0  # [m] how far contact is from its conditions
     penetration: float = 0.0  # [m]
-
-
-@dataclass
-class Touch:
-    """Contact at displacements u (N, 3): gaps (q,) [m], normals (q, 3) and forces (q,) [N] at the points of a zone."""
-
-    zone: Zone
-    u: Floats
-    centre: Floats  # (3,) of the obstacle
-    gap: Floats
-    normal: Floats
-    pressure: Floats
-
-    def rows(self, points: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Of k points of the zone: n nodes of it behind them, G (k, 3 n) their gaps' gradient, and B (b, 3 n) of `Zone.bend`."""
-        nodes = np.flatnonzero(self.zone.weights[points].any(axis=0))
-        pressed = points[self.pressure[points] > 0]
-        return (nodes, self.zone.gradient(points, nodes, self.normal),
-                self.zone.bend(pressed, nodes, self.pressure[pressed], self.u, self.centre))
-
-
-class _Condensed:
-    """A body of stiffness K' = K - B^T B as k points of contact feel it: B is what a round obstacle takes from it.
-
-    By Woodbury's formula, with the compliance K^-1 of the kept factor, T = 1 - B K^-1 B^T and X = B K^-1 G^T:
-
-    matrix: (k, k) G K'^-1 G^T + diag(c) = G K^-1 G^T + X^T T^-1 X + diag(c)
-    across: (b, k) X
-    negative: eigenvalues of K' below zero: those of K and those of T
-    """
-
-    def __init__(self, matrix: Floats, across: Floats, left: Floats, negative: int) -> None:
-        self.across, self.negative = across, negative
-        if np.trace(left) < len(left) - 1:  # else no eigenvalue of B K^-1 B^T can reach 1
-            self.negative += int((np.linalg.eigvalsh(left) < 0).sum())
-        self._inverse = np.linalg.inv(left) if len(left) else left
-        self.matrix = matrix + across.T @ self._inverse @ across
-
-    def turn(self, rows: Floats) -> Floats:
-        """T^-1 times (b,)."""
-        return self._inverse @ rows
 
 
 class Newton:
@@ -355,12 +315,12 @@ class Newton:
         push = pressure @ gradient + (turned + contact.turn(contact.across @ pressure)) @ bend
         return self.factor.finish(free, zone.nodes[nodes], push.reshape(-1, 3))
 
-    def _condense(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats, bend: Floats) -> _Condensed:
+    def _condense(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats, bend: Floats) -> Condensed:
         """The body with its obstacle's roundness, as k points of a zone feel it; gradient and bend are those of `Touch.rows`."""
         compliance, k = self.factor.compliance(touch.zone.nodes[nodes]), len(points)
         rows = np.concatenate([gradient, bend])
         felt = rows @ compliance @ rows.T
-        found = _Condensed(felt[:k, :k] + np.diag(touch.zone.softness[points]), felt[k:, :k], np.eye(len(bend)) - felt[k:, k:],
+        found = Condensed(felt[:k, :k] + np.diag(touch.zone.softness[points]), felt[k:, :k], np.eye(len(bend)) - felt[k:, k:],
                            self.factor.negative)
         self._giving = found.negative
         return found

@@ -5,10 +5,9 @@ in a viscous medium, so slowly that inertia plays no part,
 
     s M du/dt = b + sum_q p_q n_q - f(u),      M the volumes that nodes stand for [m3], s the drag [Pa s/m2],
 
-until it rests in a stable equilibrium again: downhill all the way, W - b.u falls and nothing can be jumped over. Steps of
-implicit Euler are one linear problem each, (K + s M / dt) du = out-of-balance force with contact as ever (newton.py); they are
-made so short that K + s M / dt is positive definite and that no node moves past the reach of contact at once. As the body comes
-to rest they grow, and end as Newton's.
+until it rests in a stable equilibrium again, downhill in W - b.u. A step of implicit Euler is one linear problem,
+(K + s M / dt) du = out-of-balance force with contact as ever (newton.py); it is made so short that K + s M / dt is positive definite
+and that no node moves past the reach of contact at once. As the body comes to rest the steps grow, and end as Newton's.
 
 The state depends on the medium where several are within reach, and is one that the body could take, not the only one.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.optimize
+import scipy.signal
 from scipy.special import ellipe, ellipk
 
 from physics.equilibrium import Path, solve
@@ -88,11 +89,25 @@ def box_edge(**radius):
     return lambda: against_plain(beam(obstacle=box))
 
 
-def two_regions():
+def bridge():
     """A flat box wider than the bend of the beam that it presses: it touches at two of its edges and not between them."""
     box = {"shape": "box", "size": [0.02, 0.03, 0.02], "path": [[0.03, 0.01, 0.0205], [0.03, 0.01, 0.0135]]}
     both = [{"where": "x-min", "fixed": "xyz"}, {"where": "x-max", "fixed": "xyz"}]
-    return against_plain(beam(obstacle=box, support=both, body={"length": 0.06, "width": 0.02, "height": 0.01, "cells": [24, 4, 2]}))
+    return beam(obstacle=box, support=both, body={"length": 0.06, "width": 0.02, "height": 0.01, "cells": [24, 4, 2]})
+
+
+def two_regions():
+    return against_plain(bridge())
+
+
+def roughness(scene):
+    """How far the force on the obstacle is from steady: its distance from cubics over half of the path, root mean square over mean."""
+    force = np.linalg.norm(solve(scene).reaction, axis=1)
+    force = force[np.flatnonzero(force)[0]:]
+    window = scene.steps.count // 4 * 2 + 1
+    smooth = scipy.signal.savgol_filter(force, window, 3)
+    inner = slice(window // 2, -(window // 2))
+    return float(np.sqrt(np.mean((force - smooth)[inner] ** 2)) / force.mean())
 
 
 def fast():

@@ -111,3 +111,10 @@ def test_kernels_for_eight_cells_agree_with_dolfinx(cell, law):
     scale = difference.norm()
     difference.axpy(-1.0, theirs.stiffness(u))
     assert difference.norm() < 1e-12 * scale
+
+
+def test_compiled_code_leaves_the_arithmetic_of_others_alone():
+    """No flushing of denormal numbers to zero, in Python or in another library."""
+    distorted("prism")[1].energy(np.zeros((36, 3)))
+    smallest = np.array([2.0**-1022])  # below it numbers are denormal, and a sixteenth of it is one without rounding
+    assert smallest / 16 * 16 == smallest
