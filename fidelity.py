@@ -105,17 +105,22 @@ def simulate(options: Options) -> dict[str, Any]:
         raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
 
     part = out.with_name(out.name + ".part")
-    with tqdm(total=scene.steps.count, disable=None, desc="simulate", unit="step") as bar:
-        solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part)
+    if PROCESSES > 1 and part.exists():
+        raise InputError(f"--out {out}: {part.name} is of an unfinished run, which one process goes on with; delete it to start anew")
+    with tqdm(total=scene.steps.count, disable=True if RANK else None, desc="simulate", unit="step") as bar:
+        solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part if PROCESSES == 1 else None,
+                         spread=PROCESSES > 1)
     trajectory = trajectory_of(scene, solution=solution)
-    write_trajectory(out, trajectory)
+    if RANK == 0:
+        write_trajectory(out, trajectory)
     steps = len(solution.displacement) - 1
     if solution.resumed:
         _say(options, f"went on after step {solution.resumed}, which an earlier run had reached")
     if solution.failure:
-        raise WorkError(f"{solution.failure}; the {steps} steps before it are in {out}; the same call tries again from there, "
-                        f"without {part.name} from the start")
-    part.unlink(missing_ok=True)
+        again = f"; the same call tries again from there, without {part.name} from the start" if PROCESSES == 1 else ""
+        raise WorkError(f"{solution.failure}; the {steps} steps before it are in {out}{again}")
+    if PROCESSES == 1:
+        part.unlink(missing_ok=True)
     result = {"steps": steps, "ms_per_step": 1e3 * solution.seconds / steps,
               "newton_iterations": int(solution.newton_iterations.sum()), "factorisations": solution.factorisations,
               "largest_relative_residual": float(solution.relative_residual.max()),
@@ -261,8 +266,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; the exit status."""
     options = _parser().parse_args(arguments)
     try:
-        if PROCESSES > 1 and options.verb not in (("train",) if TOGETHER else ("modes",)):
-            raise InputError(f"{options.verb} runs as one process; several share modes (mpirun) and train (torchrun)")
+        if PROCESSES > 1 and options.verb not in (("train",) if TOGETHER else ("modes", "simulate")):
+            raise InputError(f"{options.verb} runs as one process; several share modes and simulate (mpirun) and train (torchrun)")
         result = options.verb_function(options)
         if options.json and RANK == 0:
             print(json.dumps(finite(result)))

@@ -33,17 +33,18 @@ def main():
     config = load_model(options.run).config
     lines = [json.loads(line) for line in Path(options.run, "curve.jsonl").read_text().splitlines()]
     errors = [(line["seconds"], line["step"] * config.batch_size, line["error"]) for line in lines if line.get("error") is not None]
-    seconds, samples, error = np.array(errors).T
     level = None
     if config.estimate:
         cases = load_cases(files(options.data, "valid"), config, walk=True)
         level = np.mean([rmse(case.estimate.displacement, case.trajectory.displacement[case.targets], case.trajectory.free)
                          for case in cases])
+        errors.insert(0, (0.0, 0, level))  # training begins with the estimate as it is
+    seconds, samples, error = np.array(errors).T
     figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
     axes.plot(seconds, 1e6 * error, "o-", color="C0", label="network")
     if level is not None:
         axes.axhline(1e6 * level, color="C1", linestyle="--", label="estimate alone")
-    axes.set(xlabel="training [s], one core", ylabel="RMSE of all steps, validation [µm]", ylim=(0, None))
+    axes.set(xlabel="training [s], one core", ylabel="RMSE of all steps, validation [µm]", xlim=(0, None), ylim=(0, None))
     axes.legend(frameon=False)
     per_second = samples[-1] / seconds[-1]
     above = axes.secondary_xaxis("top", functions=(lambda s: s * per_second / 1e3, lambda n: n / per_second * 1e3))

@@ -36,9 +36,13 @@ class Balance:
         bearing: nodes whose forces are the reaction when there is no obstacle: of supports that move, else of all of them
     """
 
-    def __init__(self, scene: Scene, mesh: Mesh) -> None:
-        """Raises `InputError` for a body that is free to move, or an obstacle that starts inside of it."""
-        self.scene, self.mesh, self.size = scene, mesh, cell_size(mesh)
+    def __init__(self, scene: Scene, mesh: Mesh, *, method: str | None = None, spread: bool = False) -> None:
+        """Args: method, spread: of the linear algebra, as in `factor.solver_for`.
+
+        Raises:
+            InputError: the body is free to move, or the obstacle starts inside of it
+        """
+        self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.fixed, self.target = held(scene, mesh), prescribed(scene, mesh)
         self.bearing = np.flatnonzero(self.target.any(axis=1) if self.target.any() else self.fixed.any(axis=1))
         self.elasticity = Elasticity(mesh, scene.material, self.fixed, scene.body.element)

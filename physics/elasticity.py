@@ -38,7 +38,7 @@ class Elasticity:
         """Args: element of element.py. Raises `InputError` for a plane body."""
         if mesh.dimension != 3:
             raise InputError("a plane body has modes, but no finite strains here: give a solid one")
-        self.mesh, self.material, self.fixed = mesh, material, fixed
+        self.mesh, self.material, self.fixed, self.element = mesh, material, fixed, element
         self._kernel, self._lame = Kernel(material.law, mesh.cells, samples(mesh, element)), lame(material)
         self.cells = self._kernel.cells
         self._matrix: _Matrix | None = None

@@ -32,6 +32,7 @@ from physics.mesh import Mesh, build_mesh
 from physics.newton import Newton, NoEquilibrium, State
 from physics.quality import smallest_det_f
 from physics.scene import Scene
+from physics.schema import InputError
 from physics.snap import Relaxation
 
 Floats = NDArray[np.float64]
@@ -66,8 +67,9 @@ class Solution:
 class Path:
     """The way through the equilibria of a scene."""
 
-    def __init__(self, scene: Scene, mesh: Mesh) -> None:
-        self._finite = Balance(scene, mesh)
+    def __init__(self, scene: Scene, mesh: Mesh, *, method: str | None = None, spread: bool = False) -> None:
+        """Args: method, spread: of the linear algebra, as in `factor.solver_for`."""
+        self._finite = Balance(scene, mesh, method=method, spread=spread)
         self.linear, self.kinematics = choose(scene, mesh, self._finite)  # as long as small strain is enough, and why it is not
         self.linear_steps = 0
         self.newton = self.linear.newton if self.linear else Newton(self._finite)
@@ -201,7 +203,7 @@ def extrapolate(states: list[State], fraction: float) -> Floats:
 
 
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
-          journal: str | FilePath | None = None) -> Solution:
+          journal: str | FilePath | None = None, method: str | None = None, spread: bool = False) -> Solution:
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
@@ -209,6 +211,8 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         on_step: called with the number of each step that is reached
         journal: a file that keeps the path as it grows; what it holds of an earlier run of the same scene is gone on from, also
             when that run ended in a failure: then the step that failed is tried again. It is left for the caller to delete.
+        method: "direct" or "multigrid" instead of the choice by size
+        spread: over all processes of an MPI run, which share the linear algebra; every one gets the whole answer
 
     Returns:
         the path; when a step has no equilibrium that could be found, all steps before it and `failure`
@@ -220,7 +224,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     """
     started, spent = time.perf_counter(), 0.0
     mesh = mesh or build_mesh(scene.body)
-    path, frames, failure = _way(scene, mesh), [], ""
+    path, frames, failure = _way(scene, mesh, method, spread), [], ""
     kept = None if journal is None else Journal(journal, identity(scene, mesh))
     try:
         if kept is not None and kept.frames:
@@ -253,11 +257,13 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         seconds=spent + time.perf_counter() - started, resumed=resumed, failure=failure)
 
 
-def _way(scene: Scene, mesh: Mesh) -> Any:
+def _way(scene: Scene, mesh: Mesh, method: str | None, spread: bool) -> Any:
     if not scene.steps.dynamic:
-        return Path(scene, mesh)
+        return Path(scene, mesh, method=method, spread=spread)
     from physics.dynamics import Motion  # which builds on this module
 
+    if spread:
+        raise InputError("steps.dynamic = true: motion in time runs as one process")
     return Motion(scene, mesh)
 
 

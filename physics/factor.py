@@ -5,9 +5,8 @@ operations and each solve passes twice through n b numbers. Where the band is wi
 (dissection.py). Where the stiffness is not positive definite (a body under pressure may be held by the obstacle alone), MUMPS takes
 over.
 
-Contact asks what unit forces E at some nodes do. With K = L L^T their compliance is Y^T Y, Y = L^-1 E, and Y is zero before the first
-of these nodes, or beside the parts above them; so it takes far less than solving with K. Y is kept as long as the factor and grows
-with the nodes that are touched; one solve with contact forces in it is then one with L and one with L^T:
+Contact asks what unit forces E at some nodes do. With K = L L^T and Y = L^-1 E (columns.py), which is kept as long as the factor, one
+solve with contact forces in it is one with L and one with L^T:
 
     L y = f,   displacements at the nodes Y^T y,   L^T u = y + Y p
 
@@ -16,7 +15,6 @@ Legend: N nodes, n = 3 N unknowns, C cells.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -26,14 +24,16 @@ from petsc4py import PETSc
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from physics.columns import Columns
 from physics.dissection import Dissection, Panels, dissect, slots
 from physics.elasticity import Elasticity
+from physics.multigrid import Multigrid
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+MOST_NUMBERS = 500_000_000  # in a factor: 4 GB
 WIDEST_BAND = 300  # past this nested dissection is faster: for beams of some 5 k nodes
 OPERATIONS = 30  # for each number of a factor that a Newton step has time for
-FORGET = 3  # nodes whose columns are kept, over those in contact
 
 
 class NotPositiveDefinite(ArithmeticError):
@@ -79,10 +79,30 @@ class Factor(Protocol):
         """(N, 3) the solution, with forces (n, 3) on n nodes added."""
 
 
-def factor_for(elasticity: Elasticity) -> Factor:
-    """The factor that suits a body: banded when its nodes can be numbered so that the band is narrow."""
+def solver_for(elasticity: Elasticity, *, method: str | None = None, spread: bool = False) -> Factor | Multigrid:
+    """What suits a body: a factor, or multigrid where that is too large.
+
+    Args:
+        method: "direct" or "multigrid" instead of the choice by size
+        spread: over all processes of an MPI run, which multigrid alone can do
+    """
+    if spread or method == "multigrid":
+        return Multigrid(elasticity, why="which processes share" if spread else "as asked for", spread=spread)
     order, band = narrowest_order(elasticity)
-    return BandFactor(elasticity, order, band) if band <= WIDEST_BAND else DissectionFactor(elasticity)
+    if band <= WIDEST_BAND:
+        return BandFactor(elasticity, order, band)
+    dissection = dissect(elasticity.mesh.points, elasticity.cells)
+    if method == "direct" or dissection.numbers <= MOST_NUMBERS:
+        return DissectionFactor(elasticity, dissection)
+    size, limit = 8e-9 * dissection.numbers, 8e-9 * MOST_NUMBERS
+    return Multigrid(elasticity, why=f"for a factor would take {size:.2g} GB, more than {limit:.2g} GB")
+
+
+def factor_for(elasticity: Elasticity) -> Factor:
+    """The factor that suits a body, whatever it takes: banded when its nodes can be numbered so that the band is narrow."""
+    factor = solver_for(elasticity, method="direct")
+    assert not isinstance(factor, Multigrid)
+    return factor
 
 
 def narrowest_order(elasticity: Elasticity) -> tuple[Integers, int]:
@@ -107,68 +127,17 @@ def narrowest_order(elasticity: Elasticity) -> tuple[Integers, int]:
     return places[best], bands[best]
 
 
-class _Columns:
-    """Y = L^-1 E for unit forces E at the components of some nodes, and their compliance Y^T Y.
-
-    rows: (r,) the unknowns, in the factor's order, outside of which Y is zero; half: (r, 3 m) Y; compliance: (3 m, 3 m)
-    """
-
-    def __init__(self, compute: Callable[[Integers], tuple[Integers, Floats]]) -> None:
-        """Args: compute rows and columns of nodes (n,)."""
-        self._compute = compute
-        self.clear()
-
-    def clear(self) -> None:
-        self.groups: list[Integers] = []
-        self.rows, self.half, self.compliance = np.empty(0, np.int64), np.empty((0, 0)), np.empty((0, 0))
-
-    def learn(self, nodes: Integers) -> None:
-        rows, half = self._compute(nodes)
-        every = np.union1d(self.rows, rows)
-        half, known = _spread(rows, half, every), _spread(self.rows, self.half, every)
-        cross = known.T @ half
-        self.compliance = np.block([[self.compliance, cross], [cross.T, half.T @ half]])
-        self.rows, self.half = every, np.concatenate([known, half], axis=1)
-        self.groups.append(nodes)
-
-    def of(self, nodes: Integers) -> Integers:
-        """(3 n,) the columns of n nodes; those that are missing are found, and those long out of use forgotten."""
-        place = self._places(nodes)
-        if (place < 0).any():
-            if sum(map(len, self.groups)) > FORGET * len(nodes):
-                self.clear()
-                place[:] = -1
-            self.learn(nodes[place < 0])
-            place = self._places(nodes)
-        return (3 * place[:, None] + np.arange(3)).ravel()
-
-    def _places(self, nodes: Integers) -> Integers:
-        """(n,) of each of n nodes among the known ones, -1 where it is not known."""
-        known = np.concatenate([*self.groups, np.empty(0, np.int64)])
-        order = np.argsort(known)
-        place = np.append(order, -1)[np.searchsorted(known, nodes, sorter=order)]
-        return np.where(np.append(known, -1)[place] == nodes, place, -1)
-
-
-def _spread(rows: Integers, values: Floats, every: Integers) -> Floats:
-    """Values at some of the rows, and zeros at the others."""
-    if len(rows) == len(every):
-        return values
-    out = np.zeros((len(every), values.shape[1]))
-    out[np.searchsorted(every, rows)] = values
-    return out
-
-
 class _Cholesky:
     """What all factors L L^T have in common."""
 
+    name = ""
     negative = 0
 
     def __init__(self, elasticity: Elasticity, place: Integers, worth: float) -> None:
         """Args: place (N,) of each node in the order of elimination."""
         self.elasticity, self.worth = elasticity, max(8, round(worth))
         self._unknown = 3 * place[:, None] + np.arange(3)  # (N, 3)
-        self._columns = _Columns(self._halves)
+        self._columns = Columns(self._halves)
 
     def _forward(self, y: Floats) -> Floats:
         """L^-1 y in place, y (3 N,)."""
@@ -218,11 +187,9 @@ class _Cholesky:
 class BandFactor(_Cholesky):
     """LAPACK's banded Cholesky factor, assembled in place."""
 
-    name = "banded Cholesky (LAPACK)"
-
     def __init__(self, elasticity: Elasticity, place: Integers, band: int) -> None:
         super().__init__(elasticity, place, band / OPERATIONS)
-        self.band = band
+        self.band, self.name = band, f"banded Cholesky (LAPACK): a half-bandwidth of {band}, at most {WIDEST_BAND}"
         size = elasticity.mesh.points.size
         row, column = elasticity.pairs(self._unknown)
         # Column after column of the lower band; what is held goes to one last place.
@@ -263,11 +230,10 @@ class BandFactor(_Cholesky):
 class DissectionFactor(_Cholesky):
     """The factor of a nested dissection, assembled in place."""
 
-    name = "sparse Cholesky by nested dissection"
-
     def __init__(self, elasticity: Elasticity, dissection: Dissection | None = None) -> None:
         """Args: dissection of the mesh, if there is one already."""
         dissection = dissection or dissect(elasticity.mesh.points, elasticity.cells)
+        self.name = f"sparse Cholesky by nested dissection: {8e-9 * dissection.numbers:.2g} GB, at most {8e-9 * MOST_NUMBERS:.2g} GB"
         super().__init__(elasticity, dissection.place, dissection.operations / dissection.numbers / OPERATIONS)
         self._panels = Panels(dissection)
         free = np.zeros(self._unknown.size, bool)

@@ -124,7 +124,8 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, st
     if depth > DEEPEST * extent:
         return None, (f"finite strain: the obstacle reaches {depth:.2g} m into where the body rests, {depth / extent:.1g} of its largest "
                       f"extent; small strain is not tried above {DEEPEST:g}")
-    linear = Linear(Newton(Balance(replace(scene, material=replace(scene.material, law="linear")), mesh)), finite.elasticity)
+    linear = Linear(Newton(Balance(replace(scene, material=replace(scene.material, law="linear")), mesh,
+                                   method=finite.method, spread=finite.spread)), finite.elasticity)
     try:
         end = (linear.whole if finite.contact is None else linear.at(fraction)).u
     except NoEquilibrium:

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from physics.balance import GAP_TOLERANCE, Balance
 from physics.contact import Zone, solve_complementarity
-from physics.factor import Factor, NotPositiveDefinite, SparseFactor, factor_for
+from physics.factor import Factor, NotPositiveDefinite, SparseFactor, solver_for
 from physics.mixing import Mixing
+from physics.multigrid import Felt, Multigrid, NotSolved
 from physics.touch import Condensed, Touch
 
 Floats = NDArray[np.float64]
@@ -56,7 +57,7 @@ class Newton:
     """Equilibria of one scene, each from a start nearby.
 
     Attributes:
-        factor: the kept one; factorisations: how many there were
+        factor: the kept one, or what stands in for it; factorisations: how many there were, or set-ups of the multigrid
         tolerance: of the residual force, over the reaction
     """
 
@@ -64,7 +65,7 @@ class Newton:
 
     def __init__(self, balance: Balance, *, tolerance: float = TOLERANCE) -> None:
         self.balance, self.tolerance = balance, tolerance
-        self.factor: Factor = factor_for(balance.elasticity)
+        self.factor: Factor | Multigrid = solver_for(balance.elasticity, method=balance.method, spread=balance.spread)
         self.factorisations = 0
         self._definite = self.factor
         self._general: SparseFactor | None = None  # for states whose stiffness is not positive definite
@@ -81,6 +82,8 @@ class Newton:
         Raises:
             NoEquilibrium: not even a factor made anew at each step leads to one, or to one that is stable
         """
+        if isinstance(self.factor, Multigrid):  # which takes the stiffness of each iterate, and notices when it is not definite
+            return self._newton(fraction, start, last, renew=True)
         state = self._near(fraction, start, last)
         self._watch(state, fraction - last.fraction)
         return state
@@ -222,7 +225,7 @@ class Newton:
             self._zone = self.balance.contact.zone(memory["zone"], memory["zone_centre"], REACH * self.balance.size)
         if "factored_at" in memory:
             self._refactor(memory["factored_at"])
-            if "learned" in memory:
+            if "learned" in memory and not isinstance(self.factor, Multigrid):
                 for nodes in np.split(memory["learned"], np.cumsum(memory["learned_in"])[:-1]):
                     self.factor.learn(nodes)
             if "mixing_u" in memory:
@@ -232,6 +235,10 @@ class Newton:
 
     def _refactor(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3); where it is not positive definite, by the method that bears it."""
+        if isinstance(self._definite, Multigrid):
+            self._definite.update(u)
+            self._mixing.forget()
+            return
         self.factor, self._stale = self._definite, True
         try:
             self.factor.update(u)
@@ -291,6 +298,8 @@ class Newton:
 
     def _step(self, force: Floats, touch: Touch | None) -> Floats:
         """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
+        if isinstance(self.factor, Multigrid):
+            return self._solved(self.factor, force, touch)
         self._giving = self.factor.negative
         free = self.factor.begin(-force)  # were there no contact
         if touch is None:
@@ -315,8 +324,26 @@ class Newton:
         push = pressure @ gradient + (turned + contact.turn(contact.across @ pressure)) @ bend
         return self.factor.finish(free, zone.nodes[nodes], push.reshape(-1, 3))
 
+    def _solved(self, solver: Multigrid, force: Floats, touch: Touch | None) -> Floats:
+        """The same by iteration, contact in the matrix."""
+        try:
+            if touch is None:
+                return solver.step(force, self.tolerance)
+            near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
+            nodes, gradient, bend = touch.rows(near)
+            bend = bend if self.round_obstacle else bend[:0]
+            felt = Felt(touch.zone.nodes[nodes], gradient, bend, touch.gap[near], touch.zone.softness[near], touch.pressure[near])
+            step = solver.step(force, self.tolerance, felt)
+        except NotSolved as error:
+            raise NoEquilibrium(str(error)) from None
+        touch.pressure = np.zeros_like(touch.gap)
+        touch.pressure[near] = felt.pressed
+        self.factorisations = solver.set_ups
+        return step
+
     def _condense(self, touch: Touch, points: NDArray[np.int64], nodes: NDArray[np.int64], gradient: Floats, bend: Floats) -> Condensed:
         """The body with its obstacle's roundness, as k points of a zone feel it; gradient and bend are those of `Touch.rows`."""
+        assert not isinstance(self.factor, Multigrid)
         compliance, k = self.factor.compliance(touch.zone.nodes[nodes]), len(points)
         rows = np.concatenate([gradient, bend])
         felt = rows @ compliance @ rows.T
@@ -331,7 +358,7 @@ class Newton:
         By Sylvester's law of inertia K' + G^T diag(1/c) G has as many negative eigenvalues as K' has more than
         G K'^-1 G^T + diag(c) does: contact must hold the body in every direction in which it would give way by itself.
         """
-        if not self._giving:
+        if not self._giving or isinstance(self.factor, Multigrid):  # conjugate gradients find out by themselves
             return
         self._giving = self.factor.negative
         points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)

@@ -1,0 +1,72 @@
+"""What unit forces at the nodes in contact do, as far as one half of a solution.
+
+With K = L L^T the compliance of unit forces E at the components of some nodes is Y^T Y, Y = L^-1 E. Y is zero before the first of these
+nodes in the order of elimination, or beside the parts above them, so it takes far less than solving with K. It is kept as long as the
+factor, and only columns of nodes that come in are computed.
+
+Legend: m known nodes, n asked for, r rows where Y is not zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+FORGET = 3  # nodes whose columns are kept, over those in contact
+
+
+class Columns:
+    """Y = L^-1 E for unit forces E at the components of some nodes, and their compliance Y^T Y.
+
+    rows: (r,) the unknowns, in the factor's order, outside of which Y is zero; half: (r, 3 m) Y; compliance: (3 m, 3 m)
+    """
+
+    def __init__(self, compute: Callable[[Integers], tuple[Integers, Floats]]) -> None:
+        """Args: compute rows and columns of nodes (n,)."""
+        self._compute = compute
+        self.clear()
+
+    def clear(self) -> None:
+        self.groups: list[Integers] = []
+        self.rows, self.half, self.compliance = np.empty(0, np.int64), np.empty((0, 0)), np.empty((0, 0))
+
+    def learn(self, nodes: Integers) -> None:
+        rows, half = self._compute(nodes)
+        every = np.union1d(self.rows, rows)
+        half, known = _spread(rows, half, every), _spread(self.rows, self.half, every)
+        cross = known.T @ half
+        self.compliance = np.block([[self.compliance, cross], [cross.T, half.T @ half]])
+        self.rows, self.half = every, np.concatenate([known, half], axis=1)
+        self.groups.append(nodes)
+
+    def of(self, nodes: Integers) -> Integers:
+        """(3 n,) the columns of n nodes; those that are missing are found, and those long out of use forgotten."""
+        place = self._places(nodes)
+        if (place < 0).any():
+            if sum(map(len, self.groups)) > FORGET * len(nodes):
+                self.clear()
+                place[:] = -1
+            self.learn(nodes[place < 0])
+            place = self._places(nodes)
+        return (3 * place[:, None] + np.arange(3)).ravel()
+
+    def _places(self, nodes: Integers) -> Integers:
+        """(n,) of each of n nodes among the known ones, -1 where it is not known."""
+        known = np.concatenate([*self.groups, np.empty(0, np.int64)])
+        order = np.argsort(known)
+        place = np.append(order, -1)[np.searchsorted(known, nodes, sorter=order)]
+        return np.where(np.append(known, -1)[place] == nodes, place, -1)
+
+
+def _spread(rows: Integers, values: Floats, every: Integers) -> Floats:
+    """Values at some of the rows, and zeros at the others."""
+    if len(rows) == len(every):
+        return values
+    out = np.zeros((len(every), values.shape[1]))
+    out[np.searchsorted(every, rows)] = values
+    return out
