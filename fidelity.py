@@ -19,6 +19,7 @@ from tqdm import tqdm
 
 from datagen.prediction import finite
 from datagen.verbs import VERBS, add_data_verbs
+from learning.verbs import add_learning_verbs
 from physics.schema import InputError, WorkError
 
 Options = argparse.Namespace
@@ -162,54 +163,9 @@ def of_data(options: Options) -> dict[str, Any]:
     return VERBS[options.what](options, say=lambda text: _say(options, text), writable=_writable)
 
 
-def segment(options: Options) -> dict[str, Any]:
-    """Segments of a trajectory's mesh, written into its file."""
-    from learning.segment_file import segment_file
-
-    return segment_file(options.trajectory, options.segments, _writable(options.picture, ".png"), lambda text: _say(options, text),
-                        method=options.method, tau=options.tau, modes=options.modes, mode_count=options.mode_count)
-
-
-def train(options: Options) -> dict[str, Any]:
-    """A network, trained on a data set."""
-    from datagen.dataset import files
-    from learning.config import load_config
-    from learning.train import train as run
-
-    config = load_config(options.config)
-    out = _writable(options.out)
-    valid = files(options.data, "valid") if Path(options.data, "valid").is_dir() else []
-    result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume)
-    error = result["best_error"]
-    _say(options, f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
-                  + (f", validation error {1e3 * error:.3f} mm" if error is not None else "") + f": {out}")
-    return result
-
-
-def rollout(options: Options) -> dict[str, Any]:
-    """A trained network's prediction of a whole trajectory, on request corrected by Newton steps."""
-    from datagen.prediction import read_truth
-    from datagen.trajectory import read_sound, write_trajectory
-    from learning.checkpoint import load_model
-    from learning.rollout import rollout as run
-    from physics.quality import rmse
-
-    model = load_model(options.run)
-    truth = read_truth(options.trajectory) if options.correct else None
-    trajectory = truth[0] if truth else read_sound(options.trajectory)
-    out = _writable(options.out, ".vtkhdf")
-    if out.resolve() == Path(options.trajectory).resolve():
-        raise InputError(f"--out {out}: is the trajectory itself, which the prediction would overwrite")
-    if truth:
-        from learning.surrogates import corrected_rollout
-
-        prediction = corrected_rollout(model, *truth, options.correct)[0]
-    else:
-        prediction = run(model, trajectory)
-    write_trajectory(out, prediction)
-    error = rmse(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
-    _say(options, f"{len(prediction.displacement) - 1} steps, RMSE over all of them {1e3 * error:.3f} mm: {out}")
-    return {"steps": len(prediction.displacement) - 1, "rmse_all": error, **prediction.extra}
+def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], dict[str, Any]]:
+    """One of the verbs that work with networks."""
+    return lambda options: function(options, say=lambda text: _say(options, text), writable=_writable)
 
 
 def verify(options: Options) -> dict[str, Any]:
@@ -220,25 +176,6 @@ def verify(options: Options) -> dict[str, Any]:
     for name, value in result.items():
         _say(options, f"{name:20s} {value:.6g}")
     return result
-
-
-def evaluate(options: Options) -> dict[str, Any]:
-    """Rollouts of a trained run, its rivals and the FE solver, in one report."""
-    from datagen.dataset import files
-    from learning.evaluate import evaluate as run
-
-    out = _writable(options.out or Path(options.run) / "report")
-    return run(options.run, files(options.data, options.split), out, correct=options.correct, refined=options.refined,
-               say=lambda text: _say(options, text))
-
-
-def pareto(options: Options) -> dict[str, Any]:
-    """Speed against error: trained runs, finite elements made cheaper, a reduced-order model and what knows nothing."""
-    from learning.compare import compare
-
-    out = _writable(options.out)
-    return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
-                   repeats=options.repeats, say=lambda text: _say(options, text))
 
 
 def view(options: Options) -> dict[str, Any]:
@@ -369,37 +306,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--dry-run", action="store_true", help="only draw the scenes: what the set will be like")
     data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
     add_data_verbs(lambda name, about, *positional: verb(name, of_data, *positional, about=about, into=data), _positive)
-    add = verb("segment", segment, "trajectory").add_argument
-    add("--segments", type=_segments, default=19, metavar="K", help="how many (19); auto: the number of the best silhouette")
-    add("--method", default="slic-mdod-e", help="metis, slic-od, slic-od-l, slic-od-e, slic-md, slic-mdod-l or slic-mdod-e (the last)")
-    add("--tau", type=float, default=0.5, help="weight of place against obstacle and modes (0.5)")
-    add("--modes", default="elastic", help="elastic, or laplacian for fluids (elastic)")
-    add("--mode-count", type=_positive, default=1, metavar="M", help="how many modes (1)")
-    add("--picture", help="segments on the body at rest, .png")
-    add = verb("train", train, "config").add_argument
-    add("--data", required=True, help="folder of a data set")
-    add("--out", required=True, help="folder of the run")
-    add("--steps", type=_positive, help="stop after this training step")
-    add("--resume", action="store_true", help="go on from the run's last checkpoint")
-    add = verb("rollout", rollout, "run", "trajectory").add_argument
-    add("--out", required=True, help="trajectory, .vtkhdf")
-    add("--correct", type=_positive, metavar="K", help="follow each predicted frame by K Newton steps, and go on from there")
+    add_learning_verbs(lambda name, function, *positional: verb(name, of_networks(function), *positional, about=function.__doc__),
+                       _positive)
     add = verb("verify", verify, "prediction").add_argument
     add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
     add("--out", help="folder for the figures and a picture of the worst frame")
-    add = verb("evaluate", evaluate, "run").add_argument
-    add("--data", required=True, help="folder of a data set")
-    add("--split", default="test")
-    add("--correct", type=_positive, default=1, metavar="K", help="Newton steps after each frame of the corrected rollout (1)")
-    add("--refined", type=_count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
-    add("--out", help="folder of the report (RUN/report)")
-    add = verb("pareto", pareto, "what").add_argument
-    add("--run", nargs="+", action="extend", default=[], help="folders of trainings (none: the classical methods alone)")
-    add("--count", type=_positive, default=5, help="trajectories of a data set, evenly spaced (5)")
-    add("--split", default="test")
-    add("--refined", type=_count, help="scenes that are solved on finer cells as well (all)")
-    add("--repeats", type=_positive, default=3, help="of each timing; medians are shown (3)")
-    add("--out", default="pareto", help="folder of the report (pareto)")
     verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser
@@ -408,16 +319,6 @@ def _parser() -> argparse.ArgumentParser:
 def _seed(text: str) -> int:
     if not text.isdigit() or int(text) >= 2**63:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 2^63 - 1")
-    return int(text)
-
-
-def _segments(text: str) -> int | str:
-    return text if text == "auto" else _positive(text)
-
-
-def _count(text: str) -> int:
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
     return int(text)
 
 

@@ -1,0 +1,125 @@
+"""What the command line does with networks: segment, train, rollout, evaluate, pareto; wiring only.
+
+Each function takes the options of its verb, `say` for lines to the reader, and `writable`, which checks the path of an output
+before any work; what it returns is printed as JSON when that is asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from physics.schema import InputError
+
+Options = argparse.Namespace
+Say = Callable[[str], None]
+Writable = Callable[..., Any]
+
+
+def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int]) -> None:
+    """Declare the verbs to a parser: `verb(name, function, *positional)` adds one."""
+    def segments(text: str) -> int | str:
+        return text if text == "auto" else positive(text)
+
+    def count(text: str) -> int:
+        return 0 if text == "0" else positive(text)
+
+    add = verb("segment", segment, "trajectory").add_argument
+    add("--segments", type=segments, default=19, metavar="K", help="how many (19); auto: the number of the best silhouette")
+    add("--method", default="slic-mdod-e", help="metis, slic-od, slic-od-l, slic-od-e, slic-md, slic-mdod-l or slic-mdod-e (the last)")
+    add("--tau", type=float, default=0.5, help="weight of place against obstacle and modes (0.5)")
+    add("--modes", default="elastic", help="elastic, or laplacian for fluids (elastic)")
+    add("--mode-count", type=positive, default=1, metavar="M", help="how many modes (1)")
+    add("--picture", help="segments on the body at rest, .png")
+    add = verb("train", train, "config").add_argument
+    add("--data", required=True, help="folder of a data set")
+    add("--out", required=True, help="folder of the run")
+    add("--steps", type=positive, help="stop after this training step")
+    add("--resume", action="store_true", help="go on from the run's last checkpoint")
+    add = verb("rollout", rollout, "run", "trajectory").add_argument
+    add("--out", required=True, help="trajectory, .vtkhdf")
+    add("--correct", type=positive, metavar="K", help="follow each predicted frame by K Newton steps, and go on from there")
+    add = verb("evaluate", evaluate, "run").add_argument
+    add("--data", required=True, help="folder of a data set")
+    add("--split", default="test")
+    add("--correct", type=positive, default=1, metavar="K", help="Newton steps after each frame of the corrected rollout (1)")
+    add("--refined", type=count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
+    add("--out", help="folder of the report (RUN/report)")
+    add = verb("pareto", pareto, "what").add_argument
+    add("--run", nargs="+", action="extend", default=[], help="folders of trainings (none: the classical methods alone)")
+    add("--count", type=positive, default=5, help="trajectories of a data set, evenly spaced (5)")
+    add("--split", default="test")
+    add("--refined", type=count, help="scenes that are solved on finer cells as well (all)")
+    add("--repeats", type=positive, default=3, help="of each timing; medians are shown (3)")
+    add("--out", default="pareto", help="folder of the report (pareto)")
+
+
+def segment(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """Segments of a trajectory's mesh, written into its file."""
+    from learning.segment_file import segment_file
+
+    return segment_file(options.trajectory, options.segments, writable(options.picture, ".png"), say,
+                        method=options.method, tau=options.tau, modes=options.modes, mode_count=options.mode_count)
+
+
+def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """A network, trained on a data set."""
+    from datagen.dataset import files
+    from learning.config import load_config
+    from learning.train import train as run
+
+    config = load_config(options.config)
+    out = writable(options.out)
+    valid = files(options.data, "valid") if Path(options.data, "valid").is_dir() else []
+    result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume)
+    error = result["best_error"]
+    say(f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
+                  + (f", validation error {1e3 * error:.3f} mm" if error is not None else "") + f": {out}")
+    return result
+
+
+def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """A trained network's prediction of a whole trajectory, on request corrected by Newton steps."""
+    from datagen.prediction import read_truth
+    from datagen.trajectory import read_sound, write_trajectory
+    from learning.checkpoint import load_model
+    from learning.rollout import rollout as run
+    from physics.quality import rmse
+
+    model = load_model(options.run)
+    truth = read_truth(options.trajectory) if options.correct else None
+    trajectory = truth[0] if truth else read_sound(options.trajectory)
+    out = writable(options.out, ".vtkhdf")
+    if out.resolve() == Path(options.trajectory).resolve():
+        raise InputError(f"--out {out}: is the trajectory itself, which the prediction would overwrite")
+    if truth:
+        from learning.surrogates import corrected_rollout
+
+        prediction = corrected_rollout(model, *truth, options.correct)[0]
+    else:
+        prediction = run(model, trajectory)
+    write_trajectory(out, prediction)
+    error = rmse(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
+    say(f"{len(prediction.displacement) - 1} steps, RMSE over all of them {1e3 * error:.3f} mm: {out}")
+    return {"steps": len(prediction.displacement) - 1, "rmse_all": error, **prediction.extra}
+
+
+def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """Rollouts of a trained run, its rivals and the FE solver, in one report."""
+    from datagen.dataset import files
+    from learning.evaluate import evaluate as run
+
+    out = writable(options.out or Path(options.run) / "report")
+    return run(options.run, files(options.data, options.split), out, correct=options.correct, refined=options.refined,
+               say=say)
+
+
+def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """Speed against error: trained runs, finite elements made cheaper, a reduced-order model and what knows nothing."""
+    from learning.compare import compare
+
+    out = writable(options.out)
+    return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
+                   repeats=options.repeats, say=say)
