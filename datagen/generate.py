@@ -5,7 +5,8 @@ is a process of its own with one thread, spawned rather than forked because MPI 
 when it is whole; what is there already is kept, so a run that was killed goes on where it was.
 
 A scene without an equilibrium, or over its time, is replaced by the next attempt at the same index; the file that takes its
-place carries the reason, and so does the manifest.
+place carries the reason, and so does the manifest. So is a scene in which the body snaps (physics/snap.py): where it comes
+to rest then depends on more than where the obstacle is, and no predictor could know.
 """
 
 from __future__ import annotations
@@ -204,6 +205,9 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
             reasons.append(str(error).splitlines()[0])
             continue
         wrong = problems(trajectory) if trajectory.complete else [trajectory.extra["failure"]]
+        snaps = np.flatnonzero(trajectory.per_frame["snap"])
+        if len(snaps):
+            wrong.append(f"the body snaps at step {snaps[0]}")
         if wrong:
             reasons.append(wrong[0])
             continue

@@ -11,7 +11,7 @@ The paper leaves d(i, j) open. `segment_quality` takes the distance in place, wh
 compares numbers of segments, takes the distance by which they were cut (features.py). Its unit, the segment size, cancels out
 of place and modes but not out of exp(-d / S): near the obstacle "near" means within a segment's size.
 
-Over all K the silhouette of a body is best at two or three segments, which say too little. The paper tries K from sqrt(N) / 2
+Over all K the silhouette of a beam is best at two or three segments, which say too little. The paper tries K from sqrt(N) / 2
 to 2 sqrt(N) (its best for DeformingBeam, 19, is sqrt(1542) / 2); `auto_segment` takes the best silhouette in that range.
 
 Legend: N nodes of the body, K segments, R rows of nodes at a time.

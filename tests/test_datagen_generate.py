@@ -89,17 +89,20 @@ def test_a_folder_of_something_else_is_refused(family, folder):
         generate.generate(family, COUNTS, folder, workers=0)
 
 
-def test_a_failed_scene_is_recorded_and_replaced(family, tmp_path, monkeypatch):
+@pytest.mark.parametrize("reason, fault", [
+    ("no way", lambda made: {"complete": False, "extra": {"failure": "no way"}}),
+    ("the body snaps at step 2", lambda made: {"per_frame": {**made.per_frame, "snap": 1e-3 * (np.arange(len(made.displacement)) == 2)}}),
+])
+def test_a_failed_scene_is_recorded_and_replaced(family, tmp_path, monkeypatch, reason, fault):
     def fails_at_first(scene, **given):
         made = honest(scene, **given)
-        failed = dataclasses.replace(made, complete=False, extra={"failure": "no way"})
-        return failed if scene == draw(family, 0, 0) else made
+        return dataclasses.replace(made, **fault(made)) if scene == draw(family, 0, 0) else made
 
     honest = generate.trajectory_of
     monkeypatch.setattr(generate, "trajectory_of", fails_at_first)
     job = generate.Job(family, tmp_path, FILES[0], 0, 0)
     entry, reasons = generate._make(job)
-    assert reasons == ["no way"] and entry is not None and entry.failed_attempts == ("no way",)
+    assert reasons == [reason] and entry is not None and entry.failed_attempts == (reason,)
     assert read_trajectory(tmp_path / FILES[0]).scene == draw(family, 0, 0, attempt=1).to_toml()
     assert generate._made(job, {}) == entry
 
