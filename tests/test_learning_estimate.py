@@ -101,15 +101,17 @@ def test_an_estimate_is_near_the_solution(found):
     truth = pressed()
     error = rms((found.displacement - truth.displacement[FRAMES])[:, truth.free])
     # a tenth of the length deep: what the mesh itself leaves of such a motion is 1 %, and an estimate shall be finer than that
-    assert error < 2e-3 * rms(truth.displacement[FRAMES][:, truth.free])
+    assert error < 1e-3 * rms(truth.displacement[FRAMES][:, truth.free])
 
 
-@pytest.mark.parametrize(("cell", "law"), [("tetrahedron", "neo-hookean"), ("hexahedron", "neo-hookean-log"),
-                                           ("prism", "saint-venant-kirchhoff"), ("prism", "linear")])
-def test_other_cells_and_laws(cell, law):
+@pytest.mark.parametrize(("cell", "law", "bound"), [
+    ("tetrahedron", "neo-hookean", 1e-3), ("hexahedron", "neo-hookean-log", 1e-3), ("prism", "saint-venant-kirchhoff", 1e-3),
+    # the answers to contact forces turn with the body, and the linear law knows no turning: 1.4e-3 were found
+    ("prism", "linear", 2e-3)])
+def test_other_cells_and_laws(cell, law, bound):
     truth = pressed(0.004, cell, law)
     error = estimate(truth, FRAMES).displacement - truth.displacement[FRAMES]
-    assert rms(error[:, truth.free]) < 2e-3 * rms(truth.displacement[FRAMES][:, truth.free])
+    assert rms(error[:, truth.free]) < bound * rms(truth.displacement[FRAMES][:, truth.free])
 
 
 def test_the_obstacle_is_cleared(found):
