@@ -1,6 +1,9 @@
 """Several processes that train one network: each takes its share of every batch, and gradients are averaged.
 
-    torchrun --nproc-per-node 2 fidelity.py train ...
+    .venv/bin/torchrun --standalone --nproc-per-node 2 fidelity.py train ...
+
+(Debian 13's torch has no libuv, so its torchrun does not start; processes started by hand with RANK, WORLD_SIZE, MASTER_ADDR,
+MASTER_PORT and USE_LIBUV=0 in their environment do.)
 
 All processes hold the whole data, draw the same batch with the same noise, and keep the same weights; each works on every n-th
 sample of the batch. The result is that of one process up to the order of sums. The first process alone writes and validates, and
