@@ -37,6 +37,7 @@ from learning.config import TrainConfig
 from learning.data import build_case, fit_normaliser, sample
 from learning.graph import Graph, join
 from learning.m4gn import M4GN, PRECISIONS, M4GNConfig, products
+from learning.memory import keep_freed_memory
 from tests import plain_m4gn
 from tests.synthetic import bending
 
@@ -193,6 +194,7 @@ def main() -> None:
     parser.add_argument("--one", choices=CELLS, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     torch.set_num_threads(1)
+    keep_freed_memory()
     if asked.one:
         print(json.dumps(one(asked.one)))
         return

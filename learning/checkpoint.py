@@ -26,6 +26,7 @@ from torch import Tensor
 from learning.config import TrainConfig
 from learning.data import Normaliser
 from learning.m4gn import M4GN
+from learning.memory import keep_freed_memory
 from physics.schema import InputError, read_table
 from physics.whole import write_whole
 
@@ -107,6 +108,7 @@ def load_model(run: str | Path) -> Model:
     """The best network of a run folder. Raises `InputError` when the folder holds no whole one."""
     path = Path(run) / "model.safetensors"
     state = read_state(path)
+    keep_freed_memory()
     config = read_table(TrainConfig, state.about.get("config"), f"{path}: config")
     network = M4GN(config.network)
     load_weights(network, state, path)

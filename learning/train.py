@@ -39,6 +39,7 @@ from learning.config import TrainConfig
 from learning.data import Case, Normaliser, all_frames, chances, fingerprint, fit_normaliser, load_cases, sample
 from learning.graph import Graph, join
 from learning.m4gn import M4GN, products
+from learning.memory import keep_freed_memory
 from learning.processes import Processes, processes
 from learning.rollout import rollout_error
 from learning.seen import seen, write_seen
@@ -69,6 +70,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         InputError: bad files, a run of other data or config, a damaged checkpoint, a folder that holds a run already
         FloatingPointError: a loss that is not finite; the run folder keeps the last checkpoint
     """
+    keep_freed_memory()
     with processes(config) as group:
         return _train(config, files_train, files_valid, Path(out), steps, resume, group)
 
