@@ -28,10 +28,10 @@ from physics.modes import elastic_modes, euler_bernoulli_hz
 CONFIG = Path(__file__).parent / "configs" / "m4gn-small.toml"
 
 
-def run(out: Path, *, say: Callable[[str], None], steps: int | None = None) -> dict[str, Any]:
+def run(out: Path, *, say: Callable[[str], None], training_steps: int | None = None) -> dict[str, Any]:
     """Make the demonstration in a folder; `say` takes what there is to read. Returns what evaluate() returns, and "seconds".
 
-    steps: of training, instead of those in learning/configs/m4gn-small.toml
+    training_steps: instead of those in learning/configs/m4gn-small.toml
     """
     started = time.perf_counter()
     family, data = load_family("demo"), out / "data"
@@ -52,8 +52,8 @@ def run(out: Path, *, say: Callable[[str], None], steps: int | None = None) -> d
     say(f"   {len(manifest.trajectories)} trajectories of {nodes:.0f} nodes on average, {1e3 * seconds / steps:.1f} ms a step: {data}")
 
     config = load_config(CONFIG)
-    if steps is not None:
-        config = replace(config, steps=steps)
+    if training_steps is not None:
+        config = replace(config, steps=training_steps)
     say(f"\n3  Segments: METIS, then refined by the first elastic mode and the distance to the obstacle ({config.method})")
     first = read_trajectory(files(data, "train")[0])
     for method in ("metis", config.method):

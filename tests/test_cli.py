@@ -176,7 +176,7 @@ def test_a_data_set_by_its_verbs(capsys, tmp_path):
 def test_demo_with_little_training(capsys, tmp_path, monkeypatch):
     """The whole demo; some hundred steps of training already beat that nothing moves."""
     said = []
-    result = demo.run(tmp_path / "demo", say=said.append, steps=400)
+    result = demo.run(tmp_path / "demo", say=said.append, training_steps=800)
     text = "\n".join(said)
     assert "Euler-Bernoulli" in text and "12 trajectories" in text
     rows = {row["name"]: row["scores"]["rmse_all"] for row in result["rows"]}
