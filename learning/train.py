@@ -14,9 +14,7 @@ Source: Lei et al., M4GN, appendix "Training Details"; Pfaff et al. 2021, append
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import platform
 import time
 from collections.abc import Sequence
@@ -36,6 +34,7 @@ from tqdm import tqdm
 
 from learning.checkpoint import Model, State, load_weights, read_state, write_state
 from learning.config import TrainConfig
+from learning.curve import Curve
 from learning.data import Case, Normaliser, all_frames, chances, fingerprint, fit_normaliser, load_cases, sample
 from learning.graph import Graph, join
 from learning.m4gn import M4GN, products
@@ -107,7 +106,7 @@ def _train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: 
     if group.first:
         write_whole(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
         write_seen(out, seen(case.trajectory for case in cases))
-    curve = _open_curve(out / "curve.jsonl", about["step"]) if group.first else open(os.devnull, "w")
+    curve = Curve(out if group.first else None, about["step"])
     start = time.perf_counter() - about["seconds"]
     model, learner = Model(config, network, normaliser, str(out)), group.learner(network)
     losses: list[float] = []
@@ -131,7 +130,7 @@ def _train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: 
             if about["step"] % REPORT_EVERY == 0 or ended:
                 about["loss"] = float(np.mean(losses))
                 losses.clear()
-                _write_line(curve, step=about["step"], seconds=about["seconds"], loss=about["loss"], learning_rate=rate)
+                curve.add(about["step"], seconds=about["seconds"], loss=about["loss"], learning_rate=rate)
                 error = "" if about["last_error"] is None else f" error {about['last_error']:.2e} m"
                 bar.set_postfix_str(f"step {about['step']} loss {about['loss']:.3g}{error}", refresh=False)
                 bar.update(100 * min(done, 1.0) - bar.n)
@@ -185,7 +184,7 @@ def _step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Norm
     return group.total(loss.item())
 
 
-def _validate(model: Model, cases: Sequence[Case], about: dict[str, Any], curve: Any, out: Path) -> None:
+def _validate(model: Model, cases: Sequence[Case], about: dict[str, Any], curve: Curve, out: Path) -> None:
     """Roll the validation trajectories out, write the error down, and keep the network when it is the best so far."""
     error = None
     if cases:
@@ -193,7 +192,7 @@ def _validate(model: Model, cases: Sequence[Case], about: dict[str, Any], curve:
             error = float(np.mean([rollout_error(model, case) for case in cases]))
         except FloatingPointError:  # an early network may blow up: no error figure then, and training goes on
             pass
-        _write_line(curve, step=about["step"], seconds=about["seconds"], error=error)
+        curve.add(about["step"], seconds=about["seconds"], error=error)
     about["last_error"] = error
     if not cases or (error is not None and error < (about["best_error"] or math.inf)) or about["best_step"] is None:
         about["best_error"], about["best_step"] = error, about["step"]
@@ -217,25 +216,6 @@ def _check_same_run(saved: dict[str, Any], asked: dict[str, Any], out: Path) -> 
     if changed:
         raise InputError(f"{out} was trained with another {changed[0]} ({trained.get(changed[0])}, "
                          f"not {asked['config'].get(changed[0])}): it cannot be resumed")
-
-
-def _open_curve(path: Path, step: int) -> Any:
-    """The curve's file, open for more lines, without those that a killed training wrote after its last checkpoint."""
-    kept = []
-    if step and path.exists():
-        for line in path.read_text().splitlines():
-            try:
-                if json.loads(line)["step"] <= step:
-                    kept.append(line + "\n")
-            except json.JSONDecodeError:  # the line that was being written
-                break
-    write_whole(path, "".join(kept).encode())
-    return open(path, "a")
-
-
-def _write_line(curve: Any, **values: Any) -> None:
-    curve.write(json.dumps(values) + "\n")
-    curve.flush()
 
 
 def _versions() -> dict[str, str]:
