@@ -94,7 +94,7 @@ class Elastic:
         return stress
 
     def internal(self, u: Floats) -> Floats:
-        """f(u) (M,) of displacements (M,), by the body's own law."""
+        """f(u) (M,) of displacements (M,), by the body's own law; not finite where a cell is inside out."""
         lmbda, mu = self.lame
         h = self.gradient(u)
         if self.law == "linear":
@@ -104,6 +104,7 @@ class Elastic:
             return self.force(f @ self.hooke(symmetric(h) + h.transpose(0, 2, 1) @ h / 2))
         cofactor = np.stack([np.cross(f[:, 1], f[:, 2]), np.cross(f[:, 2], f[:, 0]), np.cross(f[:, 0], f[:, 1])], axis=1)
         j = (f[:, 0] * cofactor[:, 0]).sum(axis=1)  # det F; cofactor / J = F^-T
+        j[j <= 0] = np.nan
         if self.law == "neo-hookean-log":
             return self.force(mu * f + ((lmbda * np.log(j) - mu) / j)[:, None, None] * cofactor)
         shear, bulk = mu * j ** (-2 / 3), lmbda + 2 * mu / 3
