@@ -92,7 +92,7 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
 
 
 def simulate(options: Options) -> dict[str, Any]:
-    """The quasi-static path of a scene, by finite elements."""
+    """The path of a scene, through equilibria or through time, by finite elements."""
     from datagen.generate import trajectory_of
     from datagen.trajectory import unfinished, write_trajectory
     from physics.equilibrium import solve
@@ -180,7 +180,6 @@ def verify(options: Options) -> dict[str, Any]:
 
 def view(options: Options) -> dict[str, Any]:
     """A film of a trajectory."""
-
     from datagen.trajectory import read_sound
     from physics.view import Obstacle, film
 
@@ -305,9 +304,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--time-limit", type=float, default=math.inf, metavar="S", help="seconds for one scene, then another is drawn (none)")
     add("--dry-run", action="store_true", help="only draw the scenes: what the set will be like")
     data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
-    add_data_verbs(lambda name, about, *positional: verb(name, of_data, *positional, about=about, into=data), _positive)
+    add_data_verbs(lambda name, about, *positional: verb(name, of_data, *positional, about=about, into=data), _positive, _count, _seed)
     add_learning_verbs(lambda name, function, *positional: verb(name, of_networks(function), *positional, about=function.__doc__),
-                       _positive)
+                       _positive, _count)
     add = verb("verify", verify, "prediction").add_argument
     add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
     add("--out", help="folder for the figures and a picture of the worst frame")
@@ -320,6 +319,10 @@ def _seed(text: str) -> int:
     if not text.isdigit() or int(text) >= 2**63:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 2^63 - 1")
     return int(text)
+
+
+def _count(text: str) -> int:
+    return 0 if text == "0" else _positive(text)
 
 
 def _positive(text: str) -> int:

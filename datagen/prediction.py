@@ -51,11 +51,14 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
     """The figures of `physics.verify.Fidelity`; with a folder, verify.json and a picture of the worst frame in it.
 
     Raises:
-        InputError: a file is damaged, they are not of the same mesh and steps, or the reference holds no scene
+        InputError: a file is damaged or not finite, they are not of the same mesh and steps, or the reference holds no scene
     """
     predicted, (truth, scene, mesh) = read_trajectory(prediction), read_truth(reference)
     if predicted.displacement.shape != truth.displacement.shape or not np.array_equal(predicted.points, truth.points):
         raise InputError(f"{prediction}: its mesh or number of frames is not that of {reference}")
+    finite_frames = np.isfinite(predicted.displacement).all(axis=(1, 2))
+    if not finite_frames.all():
+        raise InputError(f"{prediction}: its displacement is not finite at frame {int(finite_frames.argmin())}")
     body = truth.body
     u, v = predicted.displacement[:, body], truth.displacement[:, body]
     found = verify(u, v, scene=scene, mesh=mesh, free=truth.free[body])

@@ -17,15 +17,16 @@ Say = Callable[[str], None]
 Writable = Callable[..., Any]
 
 
-def add_data_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int]) -> None:
+def add_data_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int], count: Callable[[str], int],
+                   seed: Callable[[str], int]) -> None:
     """Declare the verbs to a parser: `verb(name, about, *positional)` adds one."""
     add = verb("check", "Every file of a data set: layout, checksums, physics.", "folder").add_argument
     add("--steps", type=positive, default=5, help="of each trajectory whose equilibrium is computed anew (5)")
     add = verb("stats", "What a data set holds, in numbers.", "folder").add_argument
-    add("--refined", type=int, default=0, help="trajectories solved again with twice the cells each way (0)")
-    add("--seed", type=int, default=0, help="of the choice of these")
+    add("--refined", type=count, default=0, help="trajectories solved again with twice the cells each way (0)")
+    add("--seed", type=seed, default=0, help="of the choice of these")
     add = verb("card", "README.md of a data set: ranges, statistics, cost, licence.", "folder").add_argument
-    add("--refined", type=int, default=10, help="as for stats (10)")
+    add("--refined", type=count, default=10, help="as for stats (10)")
     add = verb("pack", "A data set in one small file, its displacements within a tolerance.", "folder").add_argument
     add("--tolerance", type=float, default=1e-6, help="largest error of a displacement [m] (1e-6)")
     add("--out", required=True, help="file, .pack")

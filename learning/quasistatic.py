@@ -1,6 +1,6 @@
 """A quasi-static state from the obstacle's pose: an estimate of what finite elements would find, for a network to correct.
 
-The body moves in a space of some twenty functions (reduced.py) and yields locally as it would at rest, turned with the touched
+The body moves in a space of some thirty functions (reduced.py) and yields locally as it would at rest, turned with the touched
 patch by the rotation R:
 
     u = Phi q + R (K^-1 - Phi Phi^T) R^T sum_a p_a n_a,    dW/dq + c = Phi^T sum_a p_a n_a,
@@ -100,8 +100,14 @@ class Estimator:
         last = len(self.centres) - 1
         farthest = first + int(np.linalg.norm(self.centres[first:] - self.centres[first], axis=1).argmax())
         poses = first + np.unique((np.array(ENRICHING) * (farthest - first)).round().astype(int))
-        keys = first + np.unique(np.linspace(0, last - first, KEYS + 1).round().astype(int))[1:]
+        keys = first + np.unique(np.linspace(0, last - first, KEYS + 1).round().astype(int))[min(1, last - first):]
+        # where the obstacle stands still nothing changes: of frames at one place the first, and none at the place of the start
+        start = self._way[max(first - 1, 0)]
+        poses, keys = (frames[np.unique(self._way[frames], return_index=True)[1]] for frames in (poses, keys))
+        poses, keys = poses[self._way[poses] > start], keys[self._way[keys] > start]
         self._restart()
+        if not len(keys):
+            return
         left = self._march(poses, poses)
         for _ in range(ENRICHMENTS):
             self._model = Reduced(self._elastic, [*self._model.space.T, *left])
@@ -314,6 +320,6 @@ def _scene(trajectory: Trajectory) -> Scene:
     scene = read_scene(tomllib.loads(trajectory.scene))
     moved = [support for support in scene.support if any(support.displacement) or set(support.fixed) != set("xyz")]
     if scene.obstacle is None or scene.load or moved or scene.body.element != "standard" or scene.steps.dynamic:
-        raise InputError("estimate = true knows bodies that are clamped and pressed by an obstacle, without loads, sliding or "
-                         "moving supports, reduced elements and inertia: train with estimate = false")
+        raise InputError("the network corrects estimates, which know clamped bodies pressed by an obstacle alone: no loads, sliding or "
+                         "moving supports, elements other than standard, or inertia; one trained with estimate = false takes such scenes")
     return scene

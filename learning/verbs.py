@@ -18,13 +18,10 @@ Say = Callable[[str], None]
 Writable = Callable[..., Any]
 
 
-def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int]) -> None:
+def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int], count: Callable[[str], int]) -> None:
     """Declare the verbs to a parser: `verb(name, function, *positional)` adds one."""
     def segments(text: str) -> int | str:
         return text if text == "auto" else positive(text)
-
-    def count(text: str) -> int:
-        return 0 if text == "0" else positive(text)
 
     add = verb("segment", segment, "trajectory").add_argument
     add("--segments", type=segments, default=19, metavar="K", help="how many (19); auto: the number of the best silhouette")
@@ -76,7 +73,7 @@ def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume)
     error = result["best_error"]
     say(f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
-                  + (f", validation error {1e3 * error:.3f} mm" if error is not None else "") + f": {out}")
+        + (f", validation error {1e3 * error:.3f} mm" if error is not None else "") + f": {out}")
     return result
 
 

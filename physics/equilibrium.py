@@ -1,5 +1,7 @@
 """Quasi-static path following: the equilibria of a body while loads, supports and a rigid obstacle advance.
 
+Scenes with inertia go through time instead (dynamics.py); `solve` follows both.
+
 What balances what stands in balance.py, how one equilibrium is found in newton.py, when small strain is enough in linear.py.
 Inertia is left out: the loading is taken to be slow (inertia.py). Each equilibrium starts from a polynomial through the last
 states, of the order that would have predicted the last one best. Before anything touches or loads the body nothing is solved.

@@ -1,6 +1,6 @@
 """The unfinished path of a scene on disk: the steps so far, and all that the solver needs to go on from the last of them.
 
-A journal is a file that only grows, block after block: length (8 bytes) and CRC-32 (4 bytes) of what follows, then named
+A journal is a file that grows, block after block: length (8 bytes) and CRC-32 (4 bytes) of what follows, then named
 arrays as .npz. The first block says whose path it is; every later one holds the frames since the block before and the
 solver's memory after the last of them, in double precision. A process that is killed leaves at most half a block at the
 end, which is cut off when the file is opened again. What an older block remembers is of no more use: when that has become more

@@ -193,6 +193,8 @@ def test_demo_with_little_training(capsys, tmp_path, monkeypatch):
     (["simulate", "{scene}", "--out", "t.vtu"], "must end in .vtkhdf"),
     (["simulate", "{scene}", "--out", "/proc/t.vtkhdf"], "/proc/t.vtkhdf"),
     (["generate", "demo", "--out", "x", "--seed", "-1"], "not a whole number from 0"),
+    (["dataset", "stats", "x", "--seed", "-1"], "not a whole number from 0"),
+    (["dataset", "card", "x", "--refined", "-30"], "not a whole number"),
     (["generate", "demo", "--out", "x", "--count", "1000000000000"], "must be at most 1000000"),
     (["modes", "{scene}", "--count", "0"], "not a whole number above 0"),
     (["modes", "none.toml"], "No such file"),
