@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from physics.balance import Balance
 from physics.elasticity import Elasticity
-from physics.equilibrium import HALVINGS, cells_said, contact_said, extrapolate
+from physics.equilibrium import HALVINGS, best_order, cells_said, contact_said, extrapolate
 from physics.impact import Sweeping, bear
 from physics.journal import Arrays
 from physics.mesh import Mesh
@@ -167,9 +167,7 @@ class Motion:
         return replace(state, reaction=state.reaction - force), velocity
 
     def _append(self, state: State) -> State:
-        errors = [np.linalg.norm(extrapolate(self.states[-1 - order:], state.fraction) - state.u)
-                  for order in range(min(4, len(self.states)))]
-        self.order = int(np.argmin(errors))
+        self.order = best_order(self.states, state)
         self.states = [*self.states[-3:], state]
         return state
 

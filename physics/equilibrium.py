@@ -168,9 +168,7 @@ class Path:
 
     def _append(self, state: State) -> State:
         """Keep a state, and choose the order of extrapolation that would have foreseen it best."""
-        errors = [np.linalg.norm(extrapolate(self.states[-1 - order:], state.fraction) - state.u)
-                  for order in range(min(4, len(self.states)))]
-        self.order = int(np.argmin(errors))
+        self.order = best_order(self.states, state)
         self.states = [*self.states[-3:], state]
         return state
 
@@ -202,6 +200,12 @@ def extrapolate(states: list[State], fraction: float) -> Floats:
     at = [state.fraction for state in states]
     weights = [np.prod([(fraction - t) / (s - t) for t in at if t != s]) for s in at]
     return sum((weight * state.u for weight, state in zip(weights, states, strict=True)), np.zeros_like(states[0].u))
+
+
+def best_order(states: list[State], state: State) -> int:
+    """The order, up to three, of the polynomial through the last states that would have foreseen the next one best."""
+    errors = [np.linalg.norm(extrapolate(states[-1 - order:], state.fraction) - state.u) for order in range(min(4, len(states)))]
+    return int(np.argmin(errors))
 
 
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
