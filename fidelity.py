@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
-from datagen.prediction import finite
+from datagen.files.prediction import finite
 from datagen.verbs import VERBS, add_data_verbs
 from learning.verbs import add_learning_verbs
 from physics.schema import InputError, WorkError
@@ -55,7 +55,7 @@ def modes(options: Options) -> dict[str, Any]:
 
 
 def _elastic(options: Options) -> Any:
-    from physics.modes import elastic_modes
+    from physics.modes.elastic import elastic_modes
     from physics.scene import load_scene
 
     if options.dirichlet is not None:
@@ -66,7 +66,7 @@ def _elastic(options: Options) -> Any:
 
 
 def _laplacian(options: Options) -> Any:
-    from physics.laplacian import laplacian_modes
+    from physics.modes.laplacian import laplacian_modes
     from physics.scene import load_body
 
     names = options.dirichlet
@@ -77,7 +77,7 @@ def _laplacian(options: Options) -> Any:
 def _write_modes(out: Path, options: Options, found: Any) -> None:
     """The shapes as .vtu, or as a trajectory file of the rest state alone."""
     if out.suffix == ".vtkhdf":
-        from datagen.trajectory import at_rest, write_trajectory
+        from datagen.files.trajectory import at_rest, write_trajectory
 
         elastic = options.kind == "elastic"
         shapes = found.pictured if elastic else found.pictured[:, :, None] * [0.0, 0.0, 1.0]
@@ -85,7 +85,7 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
         write_trajectory(out, at_rest(found.mesh, shapes, scene=text, frequencies_hz=found.frequencies_hz if elastic else (),
                                       extra={} if elastic else {"laplacian_eigenvalues": found.eigenvalues.tolist()}))
     else:
-        from physics.mesh import write_mesh
+        from physics.mesh.files import write_mesh
 
         write_mesh(out, found.mesh, {f"mode_{i + 1}": shape for i, shape in enumerate(found.pictured)})
     _say(options, f"shapes: {out}")
@@ -93,10 +93,10 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
 
 def simulate(options: Options) -> dict[str, Any]:
     """The path of a scene, through equilibria or through time, by finite elements."""
-    from datagen.generate import trajectory_of
-    from datagen.trajectory import unfinished, write_trajectory
-    from physics.equilibrium import solve
+    from datagen.files.trajectory import unfinished, write_trajectory
+    from datagen.sets.generate import trajectory_of
     from physics.scene import load_scene
+    from physics.solution import solve
 
     scene = load_scene(options.scene)
     if scene.body.order != 1 or scene.body.shape == "channel":
@@ -138,9 +138,9 @@ def simulate(options: Options) -> dict[str, Any]:
 
 def generate(options: Options) -> dict[str, Any]:
     """Trajectories of a family of scenes."""
-    from datagen.family import counts, load_family
-    from datagen.generate import generate as run
-    from datagen.plan import planned
+    from datagen.family.family import counts, load_family
+    from datagen.sets.generate import generate as run
+    from datagen.sets.plan import planned
 
     family = load_family(options.family)
     wanted = counts(family, count=options.count, split=options.split)
@@ -170,7 +170,7 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 def verify(options: Options) -> dict[str, Any]:
     """Any prediction in the trajectory format, held against its reference and against the equations."""
-    from datagen.prediction import verify_files
+    from datagen.files.prediction import verify_files
 
     result = verify_files(options.prediction, options.reference, _writable(options.out))
     for name, value in result.items():
@@ -180,7 +180,7 @@ def verify(options: Options) -> dict[str, Any]:
 
 def view(options: Options) -> dict[str, Any]:
     """A film of a trajectory."""
-    from datagen.trajectory import read_sound
+    from datagen.files.trajectory import read_sound
     from physics.view import Obstacle, film
 
     trajectory = read_sound(options.trajectory, complete=False)

@@ -31,17 +31,17 @@ import torch
 
 from benchmarks.accuracy import table
 from benchmarks.schemes import BASE, SCHEMES
-from datagen.dataset import files
-from datagen.pack import unpack
-from datagen.trajectory import read_trajectory
-from learning.checkpoint import load_model
+from datagen.files.trajectory import read_trajectory
+from datagen.sets.dataset import files
+from datagen.sets.pack import unpack
 from learning.config import TrainConfig
-from learning.data import build_case, load_cases, sample
-from learning.features import METHODS
-from learning.graph import join
-from learning.m4gn import M4GN
-from learning.segment_quality import segment_quality
-from learning.train import train
+from learning.graphs.graph import join
+from learning.networks.m4gn import M4GN
+from learning.prediction.checkpoint import load_model
+from learning.samples.samples import build_case, load_cases, sample
+from learning.segments.features import METHODS
+from learning.segments.quality import segment_quality
+from learning.training.train import train
 
 PACK = Path(__file__).parent.parent / "assets" / "beam-small.pack"
 TIMED = 10  # steps

@@ -4,7 +4,7 @@
     .venv/bin/python benchmarks/accuracy.py RUN --data DIR --every 5        a fifth of the frames
     .venv/bin/python benchmarks/accuracy.py RUN --data DIR --every 5 --kept estimates of an earlier call, whose time is not told
 
-RMSE-1, RMSE-50 and RMSE-all [m] of free nodes as physics/verify.py defines them, means over trajectories: one step from true
+RMSE-1, RMSE-50 and RMSE-all [m] of free nodes as physics/fidelity/verify.py defines them, means over trajectories: one step from true
 frames, steps 1 to 50 and all steps of a rollout. Times are processor milliseconds a frame of one thread.
 """
 
@@ -22,13 +22,13 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import numpy as np
 import torch
 
-from datagen.dataset import files
-from datagen.trajectory import read_trajectory
-from learning.checkpoint import load_model
-from learning.data import CACHE, build_case
-from learning.rivals import keep_velocity, nothing_moves
-from learning.rollout import predict_step, rollout, walk
-from physics.quality import rmse
+from datagen.files.trajectory import read_trajectory
+from datagen.sets.dataset import files
+from learning.prediction.checkpoint import load_model
+from learning.prediction.rivals import keep_velocity, nothing_moves
+from learning.prediction.rollout import predict_step, rollout, walk
+from learning.samples.samples import CACHE, build_case
+from physics.mesh.quality import rmse
 
 torch.set_num_threads(1)
 

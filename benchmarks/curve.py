@@ -18,10 +18,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from datagen.dataset import files
-from learning.checkpoint import load_model
-from learning.data import load_cases
-from physics.quality import rmse
+from datagen.sets.dataset import files
+from learning.prediction.checkpoint import load_model
+from learning.samples.samples import load_cases
+from physics.mesh.quality import rmse
 
 
 def main():

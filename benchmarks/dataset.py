@@ -22,12 +22,12 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 
-from datagen import dataset, generate
-from datagen.check import check
-from datagen.family import counts, draw, load_family
-from datagen.pack import pack, unpack
-from physics.equilibrium import solve
+from datagen.family.family import counts, draw, load_family
+from datagen.sets import dataset, generate
+from datagen.sets.check import check
+from datagen.sets.pack import pack, unpack
 from physics.fem import release
+from physics.solution import solve
 
 
 def timed(function, *given, **named):

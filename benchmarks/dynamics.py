@@ -14,8 +14,8 @@ from pathlib import Path
 os.environ["OMP_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from physics.equilibrium import solve
 from physics.scene import Scene, Steps
+from physics.solution import solve
 from tests import test_physics_dynamics as motion
 from tests.scenes import pressed
 

@@ -6,7 +6,7 @@
 Cantilevers of square section, 5, 20 and 100 times as long as thick, under a dead traction on the end face, neo-Hookean:
 a small one, P L^2 / E I = 0.01, and a large one, 2, that turns the end by some 45 degrees, in 8 steps (the latter with
 nu = 0.4 alone: plain Newton, which makes the reference, finds no equilibrium with 0.499 in steps so large). The error is that of
-the mean displacement of the end face along the load. First-order cells are solved by physics/equilibrium.py, those of second
+the mean displacement of the end face along the load. First-order cells are solved by physics/equilibrium/path.py, those of second
 order by plain Newton with dolfinx's assembly and MUMPS. The reference is 40 x 3 x 3 hexahedra of second
 order, crowded at the clamped face; how far 20 x 3 x 3 of them are from it is printed.
 
@@ -35,10 +35,10 @@ import ufl
 
 from benchmarks.equilibrium import PRESS
 from physics import fem
-from physics.equilibrium import solve
-from physics.material import LAWS, lame
-from physics.mesh import build_mesh
+from physics.body.material import LAWS, lame
+from physics.mesh.build import build_mesh
 from physics.scene import Scene, read_scene
+from physics.solution import solve
 
 SIDE, STEPS = 0.02, 8
 MESHES = [(10, 2, 2), (20, 3, 3), (40, 5, 5), (60, 8, 8)]
@@ -76,7 +76,7 @@ def deflection(scene: Scene) -> tuple[float, float]:
 
 def face_mean(solution, place: str) -> np.ndarray:
     """(3,) displacement [m] at the last step, averaged over the area of a face."""
-    from physics.supports import nodal_areas
+    from physics.body.supports import nodal_areas
 
     weight = nodal_areas(solution.mesh, place)
     return weight @ solution.displacement[-1] / weight.sum()

@@ -28,9 +28,10 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import numpy as np
 from petsc4py import PETSc
 
-from physics import equilibrium, newton
-from physics.balance import Balance
-from physics.mesh import build_mesh
+from physics.equilibrium import newton
+from physics.equilibrium import path as equilibrium
+from physics.equilibrium.balance import Balance
+from physics.mesh.build import build_mesh
 from physics.scene import Scene, Steps, read_scene
 from tests.dolfinx_elasticity import DolfinxElasticity
 

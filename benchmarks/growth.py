@@ -23,16 +23,16 @@ import torch
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from datagen.generate import trajectory_of
-from learning.checkpoint import load_model
-from learning.evaluate import warm_up
-from learning.pareto import COLOURS, MARKERS
-from learning.predictor import Case, LeftOut
-from learning.rivals import REFERENCE, elements, reduced
-from learning.surrogates import corrected, learned
+from datagen.sets.generate import trajectory_of
+from learning.prediction.checkpoint import load_model
+from learning.prediction.predictor import Case, LeftOut
+from learning.prediction.rivals import REFERENCE, elements, reduced
+from learning.prediction.surrogates import corrected, learned
+from learning.report.evaluate import warm_up
+from learning.report.pareto import COLOURS, MARKERS
 from physics.fem import release
-from physics.mesh import build_mesh
-from physics.quality import rmse
+from physics.mesh.build import build_mesh
+from physics.mesh.quality import rmse
 from physics.scene import read_scene
 
 CELLS = ((40, 5, 5), (60, 8, 8), (90, 12, 12))

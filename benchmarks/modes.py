@@ -31,8 +31,8 @@ REPEATS = {"5k": 7, "50k": 3, "500k": 1}
 
 def problem(size: str):
     """The eigenproblem of one size, and the seconds of its assembly."""
-    from physics.mesh import build_mesh
-    from physics.modes import elastic_problem
+    from physics.mesh.build import build_mesh
+    from physics.modes.elastic import elastic_problem
     from physics.scene import read_scene
 
     scene = read_scene({"body": {"length": 0.1, "width": 0.02, "height": 0.02, "cells": list(CELLS[size]), "cell": "hexahedron"},
@@ -53,7 +53,7 @@ def free_part(found):
 
 
 def ours(found) -> list[float]:
-    from physics.eigen import lowest_pairs
+    from physics.linalg.eigen import lowest_pairs
 
     pairs = lowest_pairs(found, 10)
     assert pairs.residuals.max() < 1e-8
@@ -107,8 +107,8 @@ def measure(kind: str, size: str) -> dict:
 
 def one_beam(repeats: int = 15) -> tuple[int, float, float]:
     """Nodes of a beam as in the data set, and the median milliseconds of its first mode, by the clock and of the processor."""
-    from physics.mesh import build_mesh
-    from physics.modes import elastic_modes
+    from physics.mesh.build import build_mesh
+    from physics.modes.elastic import elastic_modes
     from physics.scene import read_scene
 
     scene = read_scene({"body": {"length": 0.105, "width": 0.02, "height": 0.02, "cells": [42, 5, 5]},

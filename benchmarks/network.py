@@ -34,10 +34,10 @@ from torch.profiler import ProfilerActivity, profile
 from torch.utils.flop_counter import FlopCounterMode
 
 from learning.config import TrainConfig
-from learning.data import build_case, fit_normaliser, sample
-from learning.graph import Graph, join
-from learning.m4gn import M4GN, PRECISIONS, M4GNConfig, products
-from learning.memory import keep_freed_memory
+from learning.graphs.graph import Graph, join
+from learning.networks.m4gn import M4GN, PRECISIONS, M4GNConfig, products
+from learning.prediction.memory import keep_freed_memory
+from learning.samples.samples import build_case, fit_normaliser, sample
 from tests import plain_m4gn
 from tests.synthetic import bending
 

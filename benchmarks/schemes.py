@@ -18,11 +18,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from benchmarks.accuracy import table
-from datagen.dataset import files
-from learning.checkpoint import load_model
+from datagen.sets.dataset import files
 from learning.config import TrainConfig
-from learning.m4gn import M4GNConfig
-from learning.train import train
+from learning.networks.m4gn import M4GNConfig
+from learning.prediction.checkpoint import load_model
+from learning.training.train import train
 
 BASE = TrainConfig(segments=12, contact_radius=0.006, batch_size=2, learning_rate=1e-3, final_learning_rate=1e-5, noise=1e-4,
                    validate_every=1_000_000, network=M4GNConfig(hidden=32, message_steps=4, transformer_layers=2, heads=4))

@@ -28,8 +28,9 @@ def scene(cells):
     """A beam at rest with the modes (1 - cos(pi x / 2 L)) in y and in z, and a plate of 20 x 20 obstacle nodes 1 mm above."""
     import numpy as np
 
-    from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
-    from physics.mesh import VTK_TYPE, build_mesh
+    from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+    from physics.mesh.build import build_mesh
+    from physics.mesh.cell import VTK_TYPE
     from physics.scene import Body
 
     mesh = build_mesh(Body(length=0.1, width=0.02, height=0.02, cells=cells))
@@ -60,10 +61,10 @@ def measure(cells, repeats: int) -> dict[str, float]:
     """Seconds of each part for one mesh."""
     import numpy as np
 
-    from learning.features import features
-    from learning.harmonics import harmonics
-    from learning.segment_quality import silhouette
-    from learning.segments import _metis, body_graph, ends, segment
+    from learning.segments.cut import _metis, body_graph, ends, segment
+    from learning.segments.features import features
+    from learning.segments.harmonics import harmonics
+    from learning.segments.quality import silhouette
 
     trajectory = scene(cells)
     nodes = int(trajectory.body.sum())

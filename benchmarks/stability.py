@@ -30,17 +30,17 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import numpy as np
 import torch
 
-from datagen.dataset import files
-from datagen.family import draw, load_family
-from datagen.generate import trajectory_of
-from datagen.trajectory import read_trajectory
-from learning.checkpoint import load_model
-from learning.data import build_case
-from learning.rollout import walk
-from physics.equilibrium import solve
+from datagen.family.family import draw, load_family
+from datagen.files.trajectory import read_trajectory
+from datagen.sets.dataset import files
+from datagen.sets.generate import trajectory_of
+from learning.prediction.checkpoint import load_model
+from learning.prediction.rollout import walk
+from learning.samples.samples import build_case
 from physics.fem import release
-from physics.quality import inverted_cells, rmse, smallest_det_f
+from physics.mesh.quality import inverted_cells, rmse, smallest_det_f
 from physics.scene import read_scene
+from physics.solution import solve
 
 torch.set_num_threads(1)
 FRAMES = 50

@@ -17,11 +17,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 
-from physics import quality
-from physics.equilibrium import solve
+from physics.body.stress import von_mises
+from physics.fidelity.verify import Checker, verify
+from physics.mesh import quality
 from physics.scene import read_scene
-from physics.stress import von_mises
-from physics.verify import Checker, verify
+from physics.solution import solve
 
 PRESS = {
     "body": {"length": 0.1, "width": 0.02, "height": 0.02, "cells": [40, 5, 5]},

@@ -13,9 +13,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from physics.laplacian import laplacian_modes
-from physics.mesh import PLURAL, build_mesh
-from physics.modes import elastic_modes
+from physics.mesh.build import build_mesh
+from physics.mesh.cell import PLURAL
+from physics.modes.elastic import elastic_modes
+from physics.modes.laplacian import laplacian_modes
 from physics.scene import read_scene
 from tests import test_physics_laplacian as laplacian
 from tests import test_physics_modes as elastic

@@ -41,7 +41,7 @@ def add_data_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Calla
 
 def check(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """Every file of a data set: layout, checksums, physics."""
-    from datagen.check import check as run
+    from datagen.sets.check import check as run
 
     problems = run(options.folder, steps=options.steps)
     for problem in problems:
@@ -55,7 +55,7 @@ def check(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
 def stats(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """What a data set holds, in numbers."""
-    from datagen.statistics import lines, statistics
+    from datagen.sets.statistics import lines, statistics
 
     result = statistics(options.folder, refined=options.refined, seed=options.seed)
     for line in lines(result):
@@ -65,7 +65,7 @@ def stats(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
 def card(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """README.md of a data set: ranges, statistics, cost, licence."""
-    from datagen.card import write_card
+    from datagen.sets.card import write_card
 
     path = write_card(options.folder, refined=options.refined)
     say(f"card: {path}")
@@ -74,7 +74,7 @@ def card(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
 def pack(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """A data set in one small file, its displacements within a tolerance."""
-    from datagen.pack import pack as run
+    from datagen.sets.pack import pack as run
 
     out = writable(options.out, ".pack")
     result = run(options.folder, out, tolerance=options.tolerance)
@@ -85,7 +85,7 @@ def pack(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
 def unpack(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """The data set in a packed file."""
-    from datagen.pack import unpack as run
+    from datagen.sets.pack import unpack as run
 
     result = run(options.file, writable(options.out))
     say(f"{result['trajectories']} trajectories: {options.out}")
@@ -94,7 +94,7 @@ def unpack(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
 def import_(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """A data set in DeepMind's format (TFRecord and meta.json) as trajectory files."""
-    from datagen.deepmind import import_records
+    from datagen.sets.deepmind import import_records
 
     result = import_records(options.folder, writable(options.out), count=options.count)
     say(f"{result['trajectories']} trajectories: {options.out}")
@@ -103,7 +103,7 @@ def import_(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
 
 def export(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """A data set in DeepMind's format (TFRecord and meta.json)."""
-    from datagen.deepmind import export_records
+    from datagen.sets.deepmind import export_records
 
     result = export_records(options.folder, writable(options.out), cells=options.cells)
     say(f"{result['trajectories']} trajectories: {options.out}")

@@ -1,1 +1,33 @@
-"""Learned simulators: graphs, segments, M4GN, training, rollouts, and their fidelity report."""
+"""Learned simulators, trained on trajectories and held against the physics that made them.
+
+A room imports what stands above it in this list, never below:
+
+    segments/     how a mesh is cut, and how good the cut is
+    graphs/       what a network sees of a frame
+    networks/     what predicts
+    config        what a training is asked for
+    samples/      a frame of a trajectory as input and target, noise and scales included
+    prediction/   a whole path from a predictor: a trained network, a hybrid, finite elements, or what knows nothing
+    training/     how weights are found, stopped and gone on with
+    report/       what is measured and said of it
+    demo, verbs   the whole line, and the command line's share
+
+Imports physics and datagen; nothing here loads dolfinx until finite elements are asked for. What a user calls is importable from here:
+`from learning import load_config, train, load_model, rollout, evaluate`.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_PUBLIC = {
+    "M4GN": "networks.m4gn", "Model": "prediction.checkpoint", "TrainConfig": "config", "compare": "report.compare", "evaluate": "report.evaluate",
+    "load_config": "config", "load_model": "prediction.checkpoint", "rollout": "prediction.rollout", "segment": "segments.cut",
+    "segment_quality": "segments.quality", "train": "training.train",
+}
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'learning' has no attribute {name!r}")
+    return getattr(import_module(f"learning.{_PUBLIC[name]}"), name)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from learning.features import METHODS, MODES
-from learning.m4gn import M4GNConfig
+from learning.networks.m4gn import M4GNConfig
+from learning.segments.features import METHODS, MODES
 from physics.schema import InputError, quantity, read_table, read_toml
 
 SCHEMES = ("step", "pose")

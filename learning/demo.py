@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from datagen.dataset import files, read_manifest
-from datagen.family import counts, draw, load_family
-from datagen.generate import generate
-from datagen.trajectory import read_trajectory
+from datagen.family.family import counts, draw, load_family
+from datagen.files.trajectory import read_trajectory
+from datagen.sets.dataset import files, read_manifest
+from datagen.sets.generate import generate
 from learning.config import load_config
-from learning.data import segments_of
-from learning.evaluate import evaluate
-from learning.segment_quality import segment_quality
-from learning.train import train
-from physics.modes import elastic_modes, euler_bernoulli_hz
+from learning.report.evaluate import evaluate
+from learning.samples.samples import segments_of
+from learning.segments.quality import segment_quality
+from learning.training.train import train
+from physics.modes.elastic import elastic_modes, euler_bernoulli_hz
 
 CONFIG = Path(__file__).parent / "configs" / "m4gn-small.toml"
 

@@ -55,7 +55,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
 
 def segment(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """Segments of a trajectory's mesh, written into its file."""
-    from learning.segment_file import segment_file
+    from learning.segments.file import segment_file
 
     return segment_file(options.trajectory, options.segments, writable(options.picture, ".png"), say,
                         method=options.method, tau=options.tau, modes=options.modes, mode_count=options.mode_count)
@@ -63,9 +63,9 @@ def segment(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
 
 def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """A network, trained on a data set."""
-    from datagen.dataset import files
+    from datagen.sets.dataset import files
     from learning.config import load_config
-    from learning.train import train as run
+    from learning.training.train import train as run
 
     config = load_config(options.config)
     out = writable(options.out)
@@ -79,11 +79,11 @@ def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
 def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """A trained network's prediction of a whole trajectory, on request corrected by Newton steps."""
-    from datagen.prediction import read_truth
-    from datagen.trajectory import read_sound, write_trajectory
-    from learning.checkpoint import load_model
-    from learning.rollout import rollout as run
-    from physics.quality import rmse
+    from datagen.files.prediction import read_truth
+    from datagen.files.trajectory import read_sound, write_trajectory
+    from learning.prediction.checkpoint import load_model
+    from learning.prediction.rollout import rollout as run
+    from physics.mesh.quality import rmse
 
     model = load_model(options.run)
     truth = read_truth(options.trajectory) if options.correct else None
@@ -92,7 +92,7 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
     if out.resolve() == Path(options.trajectory).resolve():
         raise InputError(f"--out {out}: is the trajectory itself, which the prediction would overwrite")
     if truth:
-        from learning.surrogates import corrected_rollout
+        from learning.prediction.surrogates import corrected_rollout
 
         prediction = corrected_rollout(model, *truth, options.correct)[0]
     else:
@@ -105,8 +105,8 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
 
 def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """Rollouts of a trained run, its rivals and the FE solver, in one report."""
-    from datagen.dataset import files
-    from learning.evaluate import evaluate as run
+    from datagen.sets.dataset import files
+    from learning.report.evaluate import evaluate as run
 
     out = writable(options.out or Path(options.run) / "report")
     return run(options.run, files(options.data, options.split), out, correct=options.correct, refined=options.refined,
@@ -115,7 +115,7 @@ def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any
 
 def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """Speed against error: trained runs, finite elements made cheaper, a reduced-order model and what knows nothing."""
-    from learning.compare import compare
+    from learning.report.compare import compare
 
     out = writable(options.out)
     return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,

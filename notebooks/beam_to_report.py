@@ -22,20 +22,20 @@ sys.path.insert(0, str(Path.cwd() if (Path.cwd() / "physics").exists() else Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from datagen.generate import trajectory_of
-from datagen.trajectory import write_trajectory
-from learning.checkpoint import load_model
+from datagen.files.trajectory import write_trajectory
+from datagen.sets.generate import trajectory_of
 from learning.config import TrainConfig
-from learning.rivals import nothing_moves
-from learning.rollout import predict_step, rollout
-from learning.segment_quality import segment_quality
-from learning.segments import segment
-from learning.train import train
-from physics.equilibrium import solve
-from physics.mesh import build_mesh
+from learning.prediction.checkpoint import load_model
+from learning.prediction.rivals import nothing_moves
+from learning.prediction.rollout import predict_step, rollout
+from learning.segments.cut import segment
+from learning.segments.quality import segment_quality
+from learning.training.train import train
+from physics.fidelity.verify import verify
+from physics.mesh.build import build_mesh
 from physics.scene import load_scene
 from physics.schema import read_table
-from physics.verify import verify
+from physics.solution import solve
 from physics.view import frame_picture
 
 folder = Path(tempfile.mkdtemp())

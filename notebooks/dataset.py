@@ -21,14 +21,14 @@ sys.path.insert(0, str(Path.cwd() if (Path.cwd() / "physics").exists() else Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from datagen import dataset
-from datagen.check import check
-from datagen.family import counts, draw, load_family
-from datagen.generate import generate
-from datagen.pack import pack, unpack
-from datagen.plan import planned
-from datagen.statistics import rows_of, statistics
-from datagen.trajectory import read_trajectory, write_trajectory
+from datagen.family.family import counts, draw, load_family
+from datagen.files.trajectory import read_trajectory, write_trajectory
+from datagen.sets import dataset
+from datagen.sets.check import check
+from datagen.sets.generate import generate
+from datagen.sets.pack import pack, unpack
+from datagen.sets.plan import planned
+from datagen.sets.statistics import rows_of, statistics
 
 folder = Path(tempfile.mkdtemp())
 

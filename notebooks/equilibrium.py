@@ -20,11 +20,11 @@ sys.path.insert(0, str(Path.cwd() if (Path.cwd() / "physics").exists() else Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from datagen.generate import trajectory_of
-from physics.equilibrium import solve
-from physics.modes import elastic_modes
-from physics.obstacle import Rigid
+from datagen.sets.generate import trajectory_of
+from physics.contact.obstacles import Rigid
+from physics.modes.elastic import elastic_modes
 from physics.scene import read_scene
+from physics.solution import solve
 
 # %% [markdown]
 # ## The scene

@@ -26,12 +26,12 @@ import matplotlib.pyplot as plt
 import meshio
 import numpy as np
 
-from datagen.trajectory import at_rest
-from learning.segment_quality import segment_quality
-from learning.segments import segment
-from physics.laplacian import laplacian_modes
-from physics.mesh import build_mesh
-from physics.modes import amplitudes, elastic_modes, euler_bernoulli_hz
+from datagen.files.trajectory import at_rest
+from learning.segments.cut import segment
+from learning.segments.quality import segment_quality
+from physics.mesh.build import build_mesh
+from physics.modes.elastic import amplitudes, elastic_modes, euler_bernoulli_hz
+from physics.modes.laplacian import laplacian_modes
 from physics.scene import read_body, read_scene
 from physics.view import mode_picture
 

@@ -21,14 +21,14 @@ sys.path.insert(0, str(Path.cwd() if (Path.cwd() / "physics").exists() else Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from datagen.generate import trajectory_of
-from datagen.prediction import verify_files
-from datagen.trajectory import read_trajectory, write_trajectory
-from physics.correct import Corrector
-from physics.equilibrium import solve
-from physics.mesh import build_mesh
+from datagen.files.prediction import verify_files
+from datagen.files.trajectory import read_trajectory, write_trajectory
+from datagen.sets.generate import trajectory_of
+from physics.fidelity.correct import Corrector
+from physics.fidelity.verify import Checker
+from physics.mesh.build import build_mesh
 from physics.scene import read_scene
-from physics.verify import Checker
+from physics.solution import solve
 
 folder = Path(tempfile.mkdtemp())
 scene = read_scene({

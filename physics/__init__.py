@@ -1,1 +1,40 @@
-"""Finite elements: scenes, elastic modes, quasi-static contact, mesh quality, and predictions held against all of it."""
+"""Finite elements: what a body does under loads and rigid obstacles, how it swings, and how good a prediction of either is.
+
+A room imports what stands above it in this list, never below:
+
+    schema, whole   a stranger's table read; a file written whole or not at all
+    scene           what is simulated: body, material, supports, loads, obstacle, steps
+    mesh/           what the body's mesh is, where its places are, whether it is sound
+    fem             the only file that knows which dolfinx is installed
+    linalg/         how K x = b and K x = lambda M x are solved
+    body/           what energy and forces a deformed body has
+    contact/        where the obstacle is, and what it does to the body
+    modes/          how a body swings
+    equilibrium/    one equilibrium, and a path of them
+    motion/         a body that swings through time
+    reduced/        the same body in a few shapes
+    solution        `solve`: the answer to a scene, through equilibria or through time
+    fidelity/       how good a prediction is, and what a Newton step makes of it
+    view            how it looks
+
+What a user calls is importable from here: `from physics import load_scene, solve, elastic_modes, verify`. It is loaded when it is asked for, so
+that `import physics` costs nothing and what learns from data runs without dolfinx.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_PUBLIC = {
+    "Body": "scene", "InputError": "schema", "Material": "scene", "Mesh": "mesh.mesh", "NoEquilibrium": "equilibrium.newton", "Obstacle": "scene",
+    "Scene": "scene", "Solution": "solution", "Steps": "scene", "Support": "scene", "Load": "scene", "build_mesh": "mesh.build",
+    "elastic_modes": "modes.elastic", "film": "view", "laplacian_modes": "modes.laplacian", "load_body": "scene", "load_scene": "scene",
+    "read_mesh": "mesh.files", "read_scene": "scene", "solve": "solution", "verify": "fidelity.verify", "von_mises": "body.stress",
+    "write_mesh": "mesh.files",
+}
+__all__ = sorted(_PUBLIC)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'physics' has no attribute {name!r}")
+    return getattr(import_module(f"physics.{_PUBLIC[name]}"), name)

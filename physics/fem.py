@@ -28,7 +28,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from physics.mesh import Entities, Mesh, rows_in
+from physics.mesh.mesh import Entities, Mesh, rows_in
 
 Floats = NDArray[np.float64]
 # A crash shall be a crash: PETSc's handler of signals may wait forever for a lock that the crash left behind.

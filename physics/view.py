@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from vtkmodules import vtkRenderingOpenGL2
 
-from physics.mesh import Mesh
+from physics.mesh.mesh import Mesh
 
 Floats = NDArray[np.floating[Any]]
 Integers = NDArray[np.int64]

@@ -40,6 +40,6 @@ def test_imports_go_one_way(path: Path) -> None:
 
 def test_training_does_not_load_the_solver() -> None:
     """What training needs of the physics lies in the trajectory files."""
-    program = "import sys, learning.train; print(*sorted(sys.modules))"
+    program = "import sys, learning.training.train; print(*sorted(sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     assert not set(done.stdout.split()) & SOLVERS

@@ -1,0 +1,186 @@
+"""A family of scenes: a scene file whose values may be ranges, and whose obstacle may be placed relative to the body.
+
+    length = { uniform = [0.1, 0.12] }                  any number, also inside arrays
+    young_modulus = { log-uniform = [1e5, 1e7] }
+    cell = { choice = ["prism", "hexahedron"] }         any values, whole arrays and tables too, with ranges of their own
+
+    [obstacle.place]                                    instead of path: from outside onto a face, and on; see place.py
+    face = "z-max"
+    depth = { uniform = [0.015, 0.03] }
+
+    [[case]]                                            one of these tables is drawn and laid over the rest: for values
+    weight = 2                                          that belong together; how often, in proportion (1)
+    support = [{ where = "x-min" }]
+    obstacle.place.along = 0.9
+
+    [splits]                                            how many trajectories of each kind, unless asked otherwise
+    train = 8
+
+A family is data: nothing in it is evaluated. A draw depends on (seed, index, attempt) and on the name of each key, and on
+nothing else: not on the order of keys, the number of scenes, or who draws them. Each key's number u in [0, 1) comes from
+the raw bits of numpy's Philox, whose stream is the same in every version.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datagen.family.place import placed
+from physics.scene import Scene, read_scene
+from physics.schema import InputError, nearest, quantity, read_table, read_toml
+
+LARGEST_SPLIT = 1_000_000  # indices of the next split begin there
+FOLDER = Path(__file__).parents[1] / "families"
+SPLITS = ("train", "valid", "test")
+RANGES = ("uniform", "log-uniform", "choice")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Splits:
+    """How many trajectories of each kind."""
+
+    train: int = quantity(8, at_least=0, at_most=1_000_000)
+    valid: int = quantity(1, at_least=0, at_most=1_000_000)
+    test: int = quantity(1, at_least=0, at_most=1_000_000)
+
+
+@dataclass(frozen=True)
+class Family:
+    """A family as it stands in its file: `table` is what TOML made of `text`, without [splits]."""
+
+    name: str
+    text: str
+    table: dict[str, Any]
+    splits: Splits
+
+
+def load_family(name: str | Path) -> Family:
+    """A family from a file, or one of the package's by its short name.
+
+    Raises:
+        InputError: there is none, a range is wrong, or a scene drawn from it is
+    """
+    path = Path(name)
+    if path.suffix != ".toml":
+        known = {file.stem: file for file in sorted(FOLDER.glob("*.toml"))}
+        if str(name) not in known:
+            known_words = f"{', '.join(known)}{nearest(str(name), known)}"
+            raise InputError(f"no family {str(name)!r}: give a .toml file or one of {known_words}")
+        path = known[str(name)]
+    table = read_toml(path)
+    try:
+        splits = read_table(Splits, table.pop("splits", {}), "splits")
+        family = Family(str(table.get("name", path.stem)), path.read_text(), table, splits)
+        draw(family, 0, 0)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return family
+
+
+def counts(family: Family, *, count: int | None = None, split: str | None = None) -> dict[str, int]:
+    """How many trajectories of each split: the family's own numbers, or `count` in the same proportion.
+
+    Args:
+        count: of all splits together, or of the one that is given
+        split: train, valid or test alone
+
+    Raises:
+        InputError: nothing would be made, or there is no such split
+    """
+    own = {name: getattr(family.splits, name) for name in SPLITS}
+    if split is not None:
+        if split not in SPLITS:
+            raise InputError(f"split = {split!r}: must be one of {', '.join(SPLITS)}{nearest(split, SPLITS)}")
+        own = {split: own[split] if count is None else count}
+    elif count is not None:
+        ends = np.cumsum([0, *own.values()]) / max(1, sum(own.values()))
+        own = dict(zip(SPLITS, np.diff(np.floor(ends * count + 0.5).astype(int)).tolist(), strict=True))
+    if max(own.values()) > LARGEST_SPLIT:
+        raise InputError(f"{max(own.values())} trajectories of one split asked for: must be at most {LARGEST_SPLIT}")
+    if min(own.values()) < 0 or not sum(own.values()):
+        raise InputError(f"{count if count is not None else sum(own.values())} trajectories asked for: must be at least 1")
+    return {name: number for name, number in own.items() if number}
+
+
+def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
+    """The scene of a family with a given seed and index; another attempt is another scene.
+
+    Raises:
+        InputError: a range is wrong, or the scene is
+    """
+    key = (seed, index, attempt)
+    table = _drawn(_with_case(family.table, key), "", key)
+    obstacle = table.get("obstacle")
+    if isinstance(obstacle, dict) and "place" in obstacle:
+        table["obstacle"] = placed(table)
+    return read_scene(table)
+
+
+def _with_case(table: dict[str, Any], key: tuple[int, int, int]) -> dict[str, Any]:
+    """The table with one of its cases laid over it."""
+    table = dict(table)
+    cases = table.pop("case", [])
+    if not isinstance(cases, list) or not all(isinstance(case, dict) for case in cases):
+        raise InputError("case must be an array of tables: [[case]]")
+    if not cases:
+        return table
+    weights = [case.get("weight", 1) for case in cases]
+    for i, weight in enumerate(weights):
+        if type(weight) not in (int, float) or not (math.isfinite(weight) and weight > 0):
+            raise InputError(f"case[{i}].weight = {weight!r}: must be a number above 0")
+    ends = np.cumsum(weights) / sum(weights)
+    drawn = int(np.searchsorted(ends[:-1], _uniform("case", key), side="right"))
+    return _merged(table, {name: value for name, value in cases[drawn].items() if name != "weight"})
+
+
+def _merged(below: Any, above: Any) -> Any:
+    """A value laid over another: tables are merged key by key, unless one is a range; everything else is replaced."""
+    if not (isinstance(below, dict) and isinstance(above, dict)) or set(RANGES) & (below.keys() | above.keys()):
+        return above
+    return {**below, **{name: _merged(below.get(name), value) for name, value in above.items()}}
+
+
+def _drawn(value: Any, where: str, key: tuple[int, int, int]) -> Any:
+    """A value with its ranges replaced by draws."""
+    if isinstance(value, list):
+        return [_drawn(entry, f"{where}[{i}]", key) for i, entry in enumerate(value)]
+    if not isinstance(value, dict):
+        return value
+    kinds = [name for name in value if name in RANGES]
+    if not kinds:
+        return {name: _drawn(entry, f"{where}.{name}" if where else name, key) for name, entry in value.items()}
+    if len(value) > 1:
+        raise InputError(f"{where} = {value}: a range has one key, {', '.join(RANGES)}")
+    return _from_range(kinds[0], value[kinds[0]], where, key)
+
+
+def _from_range(kind: str, given: Any, where: str, key: tuple[int, int, int]) -> Any:
+    u = _uniform(where, key)
+    if kind == "choice":
+        if not isinstance(given, list) or not given:
+            raise InputError(f"{where}.choice must be an array of at least one value")
+        chosen = int(u * len(given))
+        return _drawn(given[chosen], f"{where}.choice[{chosen}]", key)
+    if not isinstance(given, list) or len(given) != 2 or any(type(end) not in (int, float) for end in given):
+        raise InputError(f"{where}.{kind} must be an array of two numbers")
+    low, high = (float(end) for end in given)
+    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+        raise InputError(f"{where}.{kind} = {given}: must be finite and in rising order")
+    if kind == "uniform":
+        return low + (high - low) * u
+    if low <= 0:
+        raise InputError(f"{where}.log-uniform = {given}: must be above 0")
+    return low * (high / low) ** u
+
+
+def _uniform(where: str, key: tuple[int, int, int]) -> float:
+    """The number in [0, 1) that belongs to a key of a scene."""
+    seed, *place = key
+    bits = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(*place, zlib.crc32(where.encode()))))
+    return float(int(bits.random_raw()) >> 11) * 2.0**-53

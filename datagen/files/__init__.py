@@ -1,0 +1,7 @@
+"""One trajectory on disk.
+
+    trajectory   its format: write, read, check
+    tfrecord     records of TensorFlow, byte by byte
+    prediction   a file held against a true one
+    provenance   which program, libraries and machine a number comes from
+"""

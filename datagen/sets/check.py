@@ -1,0 +1,168 @@
+"""Whether the trajectories of a data set still satisfy what they say: layout, checksum, motion, and their own equations.
+
+Equilibrium is computed anew at sampled frames: the internal forces f(u) are assembled from the stored displacements, and
+contact forces p >= 0 are sought that balance them (physics/fidelity/verify.py). What is left, |R|, is held against
+
+    |R| <= TOLERANCE |reaction| + ROUNDING max_k |f(u + d_k) - f(u)|
+
+The first term is what the solver was asked for. The second is what storing u costs: u is known to half a unit in its last
+place (single precision: 2^-24 |u| a component, or the tolerance of a packed set, in metres), and the d_k are that large with
+random signs. Rounding errors are uniform between these limits, so |K d| of the true ones is 1/sqrt(3) of that of the d_k on
+average; ROUNDING = 2 leaves 3.5 times the expected size. The stored reaction and energy must agree with the ones computed
+anew within the change that the same d_k make in them.
+
+Legend: T frames, N nodes.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datagen.family.family import SPLITS
+from datagen.files.trajectory import OBSTACLE, Trajectory, as_solved, problems, read_trajectory
+from datagen.sets.dataset import digest, read_manifest
+from datagen.sets.workers import progress
+from physics.body.supports import held, prescribed
+from physics.contact.obstacles import Rigid
+from physics.equilibrium.newton import TOLERANCE
+from physics.fem import release
+from physics.fidelity.verify import Checker
+from physics.mesh.build import build_mesh
+from physics.mesh.mesh import Mesh
+from physics.mesh.quality import smallest_det_f
+from physics.scene import Scene, read_scene
+from physics.schema import InputError
+
+PENETRATION = 1e-3  # largest one that passes, over the smallest side of the body
+ROUNDING = 2.0
+HALF_ULP = 2.0**-24  # of single precision, relative
+
+
+def check(folder: str | Path, *, steps: int = 5) -> list[str]:
+    """What is wrong with a data set, a line each, the file's name first; empty when nothing is.
+
+    Every file is held against its checksum and against its own scene: the mesh, the motion of supports and obstacle, det F,
+    penetration, and, unless it has inertia, the equilibrium of some of its steps. A set without scenes (imported) is checked as data alone.
+
+    Args:
+        steps: of each trajectory whose equilibrium is computed anew, evenly spaced, the last one among them
+
+    Raises:
+        InputError: the folder has no manifest
+    """
+    folder, manifest = Path(folder), read_manifest(folder)
+    found = []
+    for entry in progress(manifest.trajectories, "checking"):
+        try:
+            trajectory = read_trajectory(folder / entry.file)
+            wrong = problems(trajectory)
+            if not wrong and trajectory.scene:
+                wrong = against_scene(trajectory, steps=steps)
+        except InputError as error:
+            text = str(error)
+            found.append(text if text.startswith(str(folder)) else f"{folder / entry.file}: {text}")
+            continue
+        if digest(trajectory) != entry.sha256:
+            wrong = [*wrong, "the arrays are not those that were written: their checksum differs from the manifest's"]
+        found += [f"{folder / entry.file}: {line}" for line in wrong]
+    listed = {folder / entry.file for entry in manifest.trajectories}
+    there = {path for split in SPLITS for path in Path(folder, split).glob("*.vtkhdf")}
+    return found + [f"{path}: not in the manifest" for path in sorted(there - listed)]
+
+
+def precision(trajectory: Trajectory) -> NDArray[np.float64]:
+    """(T, N, 3) [m] how far each stored displacement may be from what the solver found."""
+    rounding = HALF_ULP * abs(trajectory.displacement.astype(np.float64))
+    return np.maximum(rounding, float(trajectory.extra.get("tolerance", 0.0)))
+
+
+def against_scene(trajectory: Trajectory, *, steps: int = 5) -> list[str]:
+    """What contradicts the scene that a trajectory is said to be of, a line each. Raises `InputError` for a bad scene."""
+    try:
+        scene = read_scene(tomllib.loads(trajectory.scene))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"its scene is not TOML: {error}") from None
+    mesh, frames = build_mesh(scene.body), len(trajectory.displacement)
+    nodes = len(mesh.points)
+    if frames != scene.steps.count + 1:
+        return [f"{frames} frames for {scene.steps.count} steps"]
+    if not np.array_equal(trajectory.points[trajectory.body], mesh.points):
+        return ["the body's nodes are not those of its scene"]
+    if not np.array_equal(trajectory.connectivity[:mesh.cells.size], mesh.cells.ravel()):
+        return ["the body's cells are not those of its scene"]
+    fraction = np.arange(frames)[:, None, None] / scene.steps.count
+    # Four times the rounding of single precision, or what packing may have changed.
+    rounding = max(4.8e-7 * max(float(abs(trajectory.displacement).max()), 1e-9), float(trajectory.extra.get("tolerance", 0.0)))
+    body = trajectory.displacement[:, :nodes].astype(np.float64)
+    fixed, found = held(scene, mesh), []
+
+    off = abs(body - fraction * prescribed(scene, mesh))[:, fixed].max(initial=0.0)
+    if off > rounding:
+        found.append(f"held nodes leave their prescription by {off:.2g} m")
+    det = smallest_det_f(mesh.points, body, mesh.cells, mesh.cell)
+    if not det.min() > 0:
+        found.append(f"det F = {det.min():.2g} at step {det.argmin()}: a cell is inverted")
+    if scene.obstacle is not None:
+        found += _against_obstacle(trajectory, scene, mesh, fixed, rounding)
+    return found or ([] if scene.steps.dynamic else _against_equilibrium(trajectory, scene, mesh, steps))
+
+
+def _against_obstacle(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: NDArray[np.bool_], rounding: float) -> list[str]:
+    """What contradicts the obstacle's motion and its hardness."""
+    assert scene.obstacle is not None
+    rigid, steps, found = Rigid(scene.obstacle), scene.steps.count, []
+    way = np.array([rigid.position(step / steps) for step in range(steps + 1)])  # (T, 3)
+    moved = trajectory.displacement[:, trajectory.node_kind == OBSTACLE]
+    off = abs(moved - (way - way[0])[:, None]).max(initial=0.0)
+    if off > rounding:
+        found.append(f"the obstacle leaves its path by {off:.2g} m")
+    loose = np.flatnonzero(~fixed.all(axis=1))
+    body = mesh.points[loose] + trajectory.displacement[:, loose].astype(np.float64)
+    deepest = np.array([-rigid.gap(x, centre)[0].min() for x, centre in zip(body, way, strict=True)])
+    deepest = np.maximum(deepest, trajectory.per_frame.get("penetration", 0.0))
+    limit = PENETRATION * min(scene.body.extent)
+    if deepest.max() > limit:
+        found.append(f"the obstacle penetrates {deepest.max():.2g} m at step {deepest.argmax()}; {limit:.2g} m is allowed")
+    return found
+
+
+def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps: int) -> list[str]:
+    """What contradicts equilibrium, and the stored reaction and energy, at some frames."""
+    count, nodes = scene.steps.count, len(mesh.points)
+    release()
+    checkers: dict[Scene, Checker] = {}
+    blur, random = precision(trajectory)[:, :nodes], np.random.default_rng(0)
+    for t in np.unique(np.linspace(count / steps, count, steps).round().astype(int)):
+        solved = as_solved(scene, trajectory, t)
+        checker = checkers[solved] = checkers.get(solved) or Checker(solved, mesh)
+        balance = checker.balance
+        elasticity, fixed = balance.elasticity, balance.fixed
+        u = trajectory.displacement[t, :nodes].astype(np.float64)
+        found, force = checker.frame(u, t / count), elasticity.force(u)
+        lost = lost_energy = lost_reaction = 0.0
+        for _ in range(3):
+            near = np.where(fixed, u, u + blur[t] * random.choice((-1.0, 1.0), u.shape))
+            other = checker.frame(near, t / count)
+            lost = max(lost, float(np.linalg.norm(elasticity.force(near) - force)))
+            lost_energy = max(lost_energy, abs(other.energy - found.energy))
+            lost_reaction = max(lost_reaction, float(np.linalg.norm(other.reaction - found.reaction)))
+        # The solver stops at its floor where rounding in f itself takes over.
+        scale = max(float(np.linalg.norm(found.reaction)), float(np.linalg.norm(force[fixed])))
+        allowed = max(TOLERANCE * scale, balance.floor) + ROUNDING * lost
+        if not found.residual <= allowed:
+            return [f"no equilibrium at step {t}: |R| = {found.residual:.2g} N, where rounding allows {allowed:.2g} N"]
+        # To first order energy changes by f . d, whose sign may cancel in the sample: add its size were it aligned at random.
+        lost_energy += float(np.linalg.norm(force * blur[t]))
+        stored = trajectory.per_frame.get("energy")
+        room = 1e-9 * abs(found.energy) + balance.floor * balance.size + ROUNDING * lost_energy
+        if stored is not None and not abs(stored[t] - found.energy) <= room:
+            return [f"energy {stored[t]:.6g} J at step {t}, computed anew {found.energy:.6g} J"]
+        stored = trajectory.per_frame.get("reaction")
+        # What the solver left over may be missing in the sum as well.
+        if stored is not None and not np.linalg.norm(stored[t] - found.reaction) <= allowed + ROUNDING * lost_reaction:
+            return [f"reaction {np.round(stored[t], 6).tolist()} N at step {t}, computed anew {np.round(found.reaction, 6).tolist()} N"]
+    return []

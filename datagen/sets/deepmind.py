@@ -1,0 +1,210 @@
+"""Data sets in the format of DeepMind's mesh data (DeformingPlate, CylinderFlow): train, valid and test.tfrecord, meta.json.
+
+meta.json names the fields and their layout; every record of a .tfrecord file (tfrecord.py) is one trajectory and holds the
+raw little-endian bytes of each field. "static" fields have one row, "dynamic" ones trajectory_length rows:
+
+    DeformingPlate   cells (1, C, 4) int32, mesh_pos (1, N, 3) float32, node_type (1, N, 1) int32, world_pos (T, N, 3) float32,
+                     stress (T, N, 1) float32
+    CylinderFlow     cells (1, C, 3), mesh_pos (1, N, 2), node_type (1, N, 1), velocity (T, N, 2), pressure (T, N, 1)
+
+Reading, nodes of the obstacle are moved to the end and its cells replaced by their outer triangles, which is how our files
+have them; mesh_pos becomes Points, world_pos the displacement, and other dynamic fields stay what they are. Such files have
+no scene, so their physics cannot be checked.
+
+Writing, prisms are cut into three tetrahedra each, because readers of DeformingPlate take four nodes of a cell for granted
+(cells "own" keeps them); the obstacle's triangles go to a field of their own, obstacle_cells (1, F, 3). Positions are in
+single precision there: of a body of 0.3 m, to 1.5e-8 m. We have no stress to write.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datagen.family.family import SPLITS
+from datagen.files.tfrecord import parse_example, read_records, write_example, write_records
+from datagen.files.trajectory import OBSTACLE, Trajectory, read_trajectory, write_trajectory
+from datagen.sets import dataset
+from datagen.sets.generate import STRIDE
+from datagen.sets.workers import progress
+from physics.mesh.boxes import tetrahedra
+from physics.mesh.cell import CELLS, OF_VTK
+from physics.mesh.mesh import Mesh
+from physics.schema import InputError
+
+Fields = dict[str, NDArray[Any]]
+OURS = ("cells", "obstacle_cells", "mesh_pos", "world_pos", "node_type")
+KIND_OF = {3: "triangle", 4: "tetrahedron", 6: "prism", 8: "hexahedron"}
+
+
+def import_records(folder: str | Path, out: str | Path, *, count: int | None = None) -> dict[str, Any]:
+    """Write the trajectories of a folder with meta.json and .tfrecord files as files of ours, with a manifest.
+
+    Args:
+        count: at most so many of each split
+
+    Raises:
+        InputError: a file is missing, cut short, damaged or not in this format; or the other folder holds a set already
+        OSError: the other folder cannot be written
+    """
+    folder, out, entries = Path(folder), Path(out), []
+    if (out / "manifest.json").exists():
+        raise InputError(f"{out} holds a data set already; choose another folder")
+    meta = _read_meta(folder / "meta.json")
+    found = [split for split in SPLITS if (folder / f"{split}.tfrecord").exists()]
+    if not found:
+        raise InputError(f"{folder}: no train.tfrecord, valid.tfrecord or test.tfrecord")
+    for split in found:
+        path = folder / f"{split}.tfrecord"
+        for number, record in enumerate(progress(read_records(path), f"reading {path.name}")):
+            if number == count:
+                break
+            try:
+                trajectory = from_fields(_decoded(record, meta), index=SPLITS.index(split) * STRIDE + number,
+                                         source=f"{path.name}, record {number}")
+            except InputError as error:
+                raise InputError(f"{path}, record {number}: {error}") from None
+            file = dataset.file_name(split, number)
+            write_trajectory(out / file, trajectory)
+            entries.append(dataset.entry_of(file, trajectory))
+    name = json.dumps(str(meta.get("simulator", "")) or folder.name)
+    manifest = dataset.Manifest(schema=dataset.SCHEMA, family=f"# Imported from {folder.name}\nname = {name}\n", seed=0,
+                                trajectories=tuple(entries))
+    dataset.write_manifest(out, manifest)
+    return {"trajectories": len(entries), "fields": list(meta["features"])}
+
+
+def export_records(folder: str | Path, out: str | Path, *, cells: str = "tetrahedra") -> dict[str, Any]:
+    """Write a data set of ours as meta.json and .tfrecord files.
+
+    Args:
+        cells: "tetrahedra" or "own"
+
+    Raises:
+        InputError: the folder is no data set, or its trajectories differ in length or kind of cell
+        OSError: the other folder cannot be written
+    """
+    folder, out = Path(folder), Path(out)
+    entries = dataset.read_manifest(folder).trajectories
+    layout: dict[str, Any] = {}
+
+    def records(split: str) -> Iterator[bytes]:
+        for entry in progress([entry for entry in entries if entry.split == split], f"writing {split}"):
+            fields = to_fields(read_trajectory(folder / entry.file), cells=cells)
+            meta = {name: _feature(name, field) for name, field in fields.items()}
+            if layout.setdefault("features", meta) != meta:
+                raise InputError(f"{folder / entry.file}: its steps or cells differ from those of the files before; this format "
+                                 "has one layout for all")
+            yield write_example({name: field.tobytes() for name, field in fields.items()})
+
+    out.mkdir(parents=True, exist_ok=True)
+    written = {split: write_records(out / f"{split}.tfrecord", records(split)) for split in SPLITS
+               if any(entry.split == split for entry in entries)}
+    if not written:
+        raise InputError(f"{folder}: no trajectories")
+    features = layout["features"]
+    length = max(feature["shape"][0] for feature in features.values())
+    meta = {"simulator": "fidelity", "dt": 1.0, "features": features, "field_names": list(features), "trajectory_length": length}
+    (out / "meta.json").write_text(json.dumps(meta, indent=1))
+    return {"trajectories": sum(written.values()), "fields": list(features), **written}
+
+
+def from_fields(fields: Fields, *, index: int = 0, source: str = "") -> Trajectory:
+    """A trajectory from fields as they stand in the module's docstring. Raises `InputError`."""
+    for name in ("cells", "mesh_pos", "node_type"):
+        if name not in fields:
+            raise InputError(f"no field {name}")
+    kind, cells, rest = fields["node_type"][0, :, 0], fields["cells"][0].astype(np.int64), fields["mesh_pos"][0]
+    nodes, width = len(kind), cells.shape[1]
+    if width not in KIND_OF:
+        raise InputError(f"cells of {width} nodes; known are {', '.join(map(str, KIND_OF))}")
+    if cells.size and not (0 <= cells.min() and cells.max() < nodes):
+        raise InputError(f"a cell names a node outside of 0 .. {nodes - 1}")
+    moving = fields.get("world_pos")
+    if rest.shape[1] < 3 and moving is not None:  # a cloth's coordinates in its own plane: it starts as it lies
+        rest = moving[0]
+    points = np.zeros((nodes, 3))
+    points[:, :rest.shape[1]] = rest
+    frames = max(len(field) for field in fields.values())
+    displacement = np.zeros((frames, nodes, 3)) if moving is None else moving - points
+
+    order = np.argsort(kind == OBSTACLE, kind="stable")
+    place = np.empty(nodes, np.int64)
+    place[order] = np.arange(nodes)
+    of_obstacle = (kind == OBSTACLE)[cells]
+    if (of_obstacle.any(axis=1) != of_obstacle.all(axis=1)).any():
+        raise InputError("a cell has nodes of both the body and the obstacle")
+    body, rigid = place[cells[~of_obstacle[:, 0]]], place[cells[of_obstacle[:, 0]]]
+    surface = [place[fields["obstacle_cells"][0]]] if "obstacle_cells" in fields else []
+    if len(rigid):
+        surface += Mesh(points[order], rigid, KIND_OF[width], {}).surface if width > 3 else [rigid]
+    halves = [facets[:, pick] for facets in surface for pick in ([0, 1, 2], [0, 2, 3])[:facets.shape[1] - 2]]
+    corners = np.concatenate([np.empty((0, 3), np.int64), *halves])
+    types = np.repeat([CELLS[KIND_OF[width]].vtk, CELLS["triangle"].vtk], [len(body), len(corners)]).astype(np.uint8)
+    return Trajectory(
+        points=points[order], connectivity=np.concatenate([body.ravel(), corners.ravel()]).astype(np.int64),
+        offsets=np.concatenate([[0], np.cumsum([OF_VTK[int(t)].corners for t in types])]).astype(np.int64), types=types,
+        node_kind=kind[order].astype(np.uint8), displacement=displacement[:, order].astype(np.float32),
+        modes=np.zeros((0, nodes, 3), np.float32), index=index, extra={"imported": source},
+        fields={name: field[:, order].astype(np.float32) for name, field in fields.items()
+                if name not in OURS and len(field) == frames and field.shape[1] == nodes})
+
+
+def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
+    """The fields of a trajectory, as they stand in the module's docstring. Raises `InputError` for cells that cannot be cut."""
+    body = trajectory.cells_of(trajectory.types[0])
+    if cells == "tetrahedra" and body.shape[1] == 6:
+        body = tetrahedra(body)
+    elif cells == "tetrahedra" and body.shape[1] == 8:
+        raise InputError("hexahedra are not cut into tetrahedra here: ask for --cells own")
+    flat = body.shape[1] == 3 and not trajectory.points[:, 2].any() and not trajectory.displacement.any()
+    found: Fields = {"cells": body[None].astype(np.int32)}
+    if not trajectory.body.all():
+        found["obstacle_cells"] = trajectory.cells_of(CELLS["triangle"].vtk)[None].astype(np.int32)
+    found["mesh_pos"] = trajectory.points[None, :, :2 if flat else 3].astype(np.float32)
+    found["node_type"] = trajectory.node_kind[None, :, None].astype(np.int32)
+    if not flat:
+        found["world_pos"] = (trajectory.points + trajectory.displacement).astype(np.float32)
+    return found | trajectory.fields
+
+
+def _feature(name: str, field: NDArray[Any]) -> dict[str, Any]:
+    static = name in ("cells", "obstacle_cells", "mesh_pos", "node_type")
+    return {"type": "static" if static else "dynamic", "shape": [len(field), -1, field.shape[2]], "dtype": field.dtype.name}
+
+
+def _read_meta(path: Path) -> dict[str, Any]:
+    try:
+        meta = json.loads(path.read_text())
+        features = {name: (feature["type"], [int(n) for n in feature["shape"]], np.dtype(feature["dtype"]))
+                    for name, feature in meta["features"].items()}
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not the description of a data set: {error}") from None
+    for name, (kind, shape, _) in features.items():
+        if kind not in ("static", "dynamic"):
+            raise InputError(f"{path}: field {name} is {kind!r}; static and dynamic fields are read")
+        if len(shape) != 3 or shape.count(-1) > 1:
+            raise InputError(f"{path}: field {name} has shape {shape}; three numbers are expected, one of them -1 at most")
+    return {**meta, "features": features}
+
+
+def _decoded(record: bytes, meta: dict[str, Any]) -> Fields:
+    """The fields of one record."""
+    example, fields = parse_example(record), {}
+    for name, (_, shape, dtype) in meta["features"].items():
+        if len(example.get(name, ())) != 1:
+            raise InputError(f"field {name} has {len(example.get(name, ()))} values, one is expected")
+        data = example[name][0]
+        row = abs(math.prod(shape)) * dtype.itemsize
+        if row == 0 or len(data) % row or (-1 not in shape and len(data) != row):
+            raise InputError(f"field {name} has {len(data)} bytes, which do not fit its shape {shape}")
+        fields[name] = np.frombuffer(data, dtype.newbyteorder("<")).reshape(shape)
+    return fields

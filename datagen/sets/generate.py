@@ -1,0 +1,250 @@
+"""Many trajectories of a family: in parallel, resumable, reproducible.
+
+Every trajectory depends on (seed, index) alone, so any number of workers, in any order, makes the same arrays. Each worker
+is a process of its own with one thread, spawned rather than forked because MPI does not survive a fork. A file appears only
+when it is whole; what is there already is kept, so a run that was killed goes on where it was.
+
+A scene without an equilibrium, or over its time, is replaced by the next attempt at the same index; the file that takes its
+place carries the reason, and so does the manifest. So is a scene in which the body snaps (physics/equilibrium/snap.py): where it comes
+to rest then depends on more than where the obstacle is, and no predictor could know.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datagen.family.family import SPLITS, Family, draw
+from datagen.files.provenance import commit, versions
+from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
+from datagen.sets import dataset
+from datagen.sets.workers import on_cluster, on_this_machine, progress
+from physics.body.supports import held
+from physics.contact.obstacles import Rigid
+from physics.equilibrium.balance import cell_size
+from physics.fem import release
+from physics.mesh.cell import CELLS
+from physics.modes.elastic import elastic_modes
+from physics.motion.inertia import inertia
+from physics.scene import Body, Scene, Steps
+from physics.schema import InputError
+from physics.solution import Solution, solve
+
+ATTEMPTS = 5
+AT_ONCE, CLUSTER = 4, 1.02
+STRIDE = 1_000_000  # indices of valid follow those of train at this distance, so that each split can grow by itself
+
+
+class OverTime(RuntimeError):
+    """A scene took longer than it may; the message says how far it came."""
+
+
+def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int = 0, index: int = 0,
+                  on_step: Callable[[int], None] | None = None) -> Trajectory:
+    """The solution of a scene, computed unless given, with its first elastic mode and the obstacle's surface moving along.
+
+    Modes within 2 % of the first frequency belong to it, as the two bending planes of a square beam do: all are kept, four at most.
+
+    When the solver stops early the trajectory holds the steps before, is not `complete`, and `extra` says why under
+    "failure". `extra` also holds what was modelled, the seconds it took and the number of factorisations. `on_step` is
+    called with the number of each step that is reached.
+
+    Raises:
+        InputError: the scene has no solution to look for
+        RuntimeError: the elastic mode was not found
+    """
+    solution = solution or solve(scene, on_step=on_step)
+    mesh = solution.mesh
+    modes = elastic_modes(scene, count=AT_ONCE, mesh=mesh)
+    first = np.flatnonzero(np.array(modes.frequencies_hz) <= CLUSTER * modes.frequencies_hz[0])
+    nodes, frames = len(mesh.points), len(solution.displacement)
+    kind = np.where(held(scene, mesh).all(axis=1), HANDLE, NORMAL)  # what is held in part moves by itself in the rest
+    points, triangles, moved = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3))
+    if scene.obstacle is not None:
+        rigid, size = Rigid(scene.obstacle), cell_size(mesh)
+        around, triangles = rigid.surface_mesh(mesh.points, size=size)
+        way = np.array([rigid.position(step / scene.steps.count) - rigid.path[0] for step in range(frames)])
+        moved = np.repeat(way[:, None], len(around), axis=1)
+        points = np.concatenate([mesh.points, around])
+    corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
+    shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
+    moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
+    extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "seconds": solution.seconds,
+             "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure}
+    if scene.steps.dynamic and scene.steps.duration is not None:
+        extra["step_seconds"] = scene.steps.duration / scene.steps.count
+    return Trajectory(
+        points=points,
+        connectivity=np.concatenate([mesh.cells.ravel(), nodes + triangles.ravel()]),
+        offsets=np.concatenate([[0], np.cumsum(corners)]),
+        types=np.repeat([CELLS[mesh.cell].vtk, CELLS["triangle"].vtk], [len(mesh.cells), len(triangles)]).astype(np.uint8),
+        node_kind=np.concatenate([kind, np.full(len(points) - nodes, OBSTACLE)]).astype(np.uint8),
+        displacement=np.concatenate([solution.displacement, moved], axis=1).astype(np.float32),
+        modes=shapes.astype(np.float32), frequencies_hz=tuple(float(modes.frequencies_hz[i]) for i in first),
+        per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
+                   "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
+                   "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released,
+                   **moving},
+        scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
+        extra=extra)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One file to be made in a folder."""
+
+    family: Family
+    out: Path
+    file: str
+    seed: int
+    index: int
+    time_limit: float = math.inf  # [s] for one attempt
+
+
+def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_limit: float = math.inf) -> list[Job]:
+    """The files of a data set, in order. Raises `InputError` for a bad seed."""
+    if seed < 0:
+        raise InputError(f"seed = {seed}: must be at least 0")
+    return [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * STRIDE + number, time_limit)
+            for split, wanted in splits.items() for number in range(wanted)]
+
+
+def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: int = 0, workers: int | None = None,
+             cluster: str = "", time_limit: float = math.inf) -> dict[str, Any]:
+    """Make a folder of trajectories, or what is missing of it, and its manifest.
+
+    Args:
+        splits: how many trajectories of each split, as `family.counts` gives them
+        out: the folder; when it holds a data set, then one of the same family and seed
+        workers: processes on this machine, by default one for each core
+        cluster: address of a Dask scheduler whose workers do it instead; they must see the folder under the same name
+        time_limit: [s] for each attempt at a scene; one that takes longer counts as failed, so with a limit the set may
+            depend on the machine
+
+    Returns:
+        the numbers of trajectories asked for, of new ones, of failed attempts at them, and the seconds it took
+
+    Raises:
+        InputError: the family, the folder or a number is wrong; nothing was computed
+        RuntimeError: not all could be made; what was made is kept, and another call goes on from there
+        OSError: a file cannot be written
+    """
+    started, out = time.perf_counter(), Path(out).absolute()
+    workers = len(os.sched_getaffinity(0)) if workers is None else workers
+    if workers < 1:
+        raise InputError(f"workers = {workers}: must be at least 1")
+    if not time_limit > 0:
+        raise InputError(f"time limit {time_limit:g} s: must be above 0")
+    jobs = jobs_of(family, splits, out, seed, time_limit)
+    scenes = [draw(family, seed, job.index) for job in jobs]
+    manifest = _open(out, family, seed)
+    known = {entry.file: entry.sha256 for entry in manifest.trajectories}
+    entries = {job.file: _made(job, known) for job in progress(jobs, "looking at what is there")}
+    manifest = _with(manifest, [entry for entry in entries.values() if entry])
+    dataset.write_manifest(out, manifest)
+    missing = [job for job in jobs if not entries[job.file]]
+    failures = []
+    if not missing:
+        done: Any = ()
+    elif cluster:
+        done = on_cluster(_make, missing, cluster, prepare=(compile_forms, scenes), folder=out, kept=len(jobs) - len(missing))
+    else:
+        compile_forms(scenes)
+        done = on_this_machine(_make, missing, min(workers, len(missing)), kept=len(jobs) - len(missing))
+    for job, (entry, reasons) in done:
+        if entry is None:
+            failures.append(f"{job.file} after {ATTEMPTS} attempts: {reasons[-1]}")
+            continue
+        entries[job.file] = entry
+        manifest = _with(manifest, [entry])
+        dataset.write_manifest(out, manifest)
+    if failures:
+        raise RuntimeError(f"{len(failures)} of {len(jobs)} trajectories could not be made, the first: {failures[0]}")
+    return {"trajectories": len(jobs), "new": len(missing), "seconds": time.perf_counter() - started,
+            "failed_attempts": sum(len(entry.failed_attempts) for entry in entries.values() if entry)}
+
+
+def _open(out: Path, family: Family, seed: int) -> dataset.Manifest:
+    """The manifest of a folder that may be new. Raises `InputError` when it holds another data set."""
+    manifest = dataset.Manifest(schema=dataset.SCHEMA, family=family.text, seed=seed, trajectories=())
+    if (out / "manifest.json").exists():
+        there = dataset.read_manifest(out)
+        if there.recipe != manifest.recipe:
+            raise InputError(f"{out} holds a data set of another family or seed; choose another folder")
+        manifest = dataclasses.replace(there, family=family.text)
+    out.mkdir(parents=True, exist_ok=True)
+    for part in out.rglob(".*.part"):  # left by a run that was killed
+        part.unlink()
+    return manifest
+
+
+def _with(manifest: dataset.Manifest, entries: list[dataset.Entry]) -> dataset.Manifest:
+    """A manifest with some entries new or replaced."""
+    merged = {entry.file: entry for entry in (*manifest.trajectories, *entries)}
+    ordered = sorted(merged.values(), key=lambda entry: entry.index)
+    return dataclasses.replace(manifest, trajectories=tuple(ordered))
+
+
+def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
+    """Make one file, in a worker."""
+    reasons: list[str] = []
+    for attempt in range(ATTEMPTS):
+        release()
+        try:
+            scene = draw(job.family, job.seed, job.index, attempt)
+            trajectory = trajectory_of(scene, seed=job.seed, index=job.index, on_step=_clock(job.time_limit, scene.steps.count))
+        except (InputError, RuntimeError) as error:
+            reasons.append(str(error).splitlines()[0])
+            continue
+        wrong = problems(trajectory) if trajectory.complete else [trajectory.extra["failure"]]
+        snaps = np.flatnonzero(trajectory.per_frame["snap"])
+        if len(snaps):
+            wrong.append(f"the body snaps at step {snaps[0]}")
+        if wrong:
+            reasons.append(wrong[0])
+            continue
+        trajectory = dataclasses.replace(trajectory, extra={**trajectory.extra, "failed_attempts": reasons})
+        write_trajectory(job.out / job.file, trajectory)
+        return dataset.entry_of(job.file, trajectory), reasons
+    return None, reasons
+
+
+def _clock(limit: float, steps: int) -> Callable[[int], None]:
+    """What ends a solver after a time [s], at the next step that it reaches."""
+    end = time.monotonic() + limit
+
+    def on_step(step: int) -> None:
+        if time.monotonic() > end and step < steps:
+            raise OverTime(f"over its time limit of {limit:g} s at step {step} of {steps}")
+
+    return on_step
+
+
+def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
+    """The manifest entry of a file that is there, whole, of this very scene, and with its checksum if that is known."""
+    try:
+        found = read_trajectory(job.out / job.file)
+    except InputError:
+        return None
+    scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ()))).to_toml()
+    if (found.seed, found.index, found.scene) != (job.seed, job.index, scene) or problems(found):
+        return None
+    entry = dataset.entry_of(job.file, found)
+    return entry if known.get(job.file, entry.sha256) == entry.sha256 else None
+
+
+def compile_forms(scenes: list[Scene]) -> None:
+    """Compile what the workers will need, before they start: at once they would race for the cache on disk."""
+    for like in {(scene.body.cell, scene.material.law): scene for scene in scenes}.values():
+        body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=like.body.cell)
+        scene = Scene(body=body, material=like.material, steps=Steps(count=1))
+        solve(scene)
+        elastic_modes(scene, count=1)

@@ -1,0 +1,223 @@
+"""A data set in one small file, with a bound on the error of every displacement.
+
+The motion of a body has low rank: all T frames of n moving nodes are sums of few shapes, X (T, 3n) = A V + error. The
+shapes V are the leading right singular vectors of X, each scaled by its largest share in any frame, so that an error in V
+counts the same in all of them: V is rounded to multiples of one step, then A is fitted again to the rounded V by least
+squares and rounded in turn. Rank and step are the coarsest that keep
+
+    |u_packed - u| <= tolerance [m]   for the displacement vector of every node in every frame,
+
+which is verified on the unpacked arrays before a trajectory is written. Where nothing coarser than single precision would
+do, displacements are kept as they are. Nodes that never move stay exactly at rest and obstacles that move as one body
+keep their exact path; modes are kept to 1e-6 of their largest entry, numbers of each frame in single precision, and all
+else exactly.
+
+The file is a ZIP archive: manifest.json (the set's manifest, with the tolerance) and for each trajectory a member
+split/0000, compressed by LZMA: the length of a JSON header (8 bytes, little-endian), the header, and the arrays that
+it lists, each as its first bytes, then its second bytes, and so on. Legend: T frames, N nodes, n moving nodes, r rank.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+import math
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datagen.files.trajectory import OBSTACLE, Trajectory, read_trajectory, write_trajectory
+from datagen.sets import dataset
+from datagen.sets.workers import progress
+from physics.mesh.cell import OF_VTK
+from physics.schema import InputError, read_table, to_table
+from physics.whole import written_whole
+
+Arrays = dict[str, NDArray[Any]]
+SCHEMA = 1
+MODE_STEP = 1e-6
+HEADER = ("frequencies_hz", "scene", "seed", "index", "versions", "commit", "complete", "extra")
+AS_IT_IS = ("points", "types", "node_kind")
+
+
+def pack(folder: str | Path, out: str | Path, *, tolerance: float = 1e-6) -> dict[str, Any]:
+    """Pack a data set.
+
+    Args:
+        tolerance: largest error of any node's displacement in any frame [m]
+
+    Returns:
+        the numbers of trajectories and bytes, how many times smaller that is, the largest error [m]
+
+    Raises:
+        InputError: the folder is no data set, or the tolerance no length
+        RuntimeError: a file is not what the manifest says
+        OSError: the file cannot be written
+    """
+    if not (math.isfinite(tolerance) and tolerance > 0):
+        raise InputError(f"tolerance = {tolerance}: must be above 0 m")
+    folder, out = Path(folder), Path(out)
+    manifest = dataset.read_manifest(folder)
+    before, error = 0, 0.0
+    with written_whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_LZMA) as archive:
+        about = {"schema": SCHEMA, "tolerance": tolerance, "manifest": to_table(manifest)}
+        archive.writestr("manifest.json", json.dumps(about))
+        for entry in progress(manifest.trajectories, "packing"):
+            trajectory = read_trajectory(folder / entry.file)
+            if dataset.digest(trajectory) != entry.sha256:
+                raise RuntimeError(f"{folder / entry.file}: its checksum differs from the manifest's; make it anew before packing")
+            blob, off = encode(trajectory, tolerance)
+            archive.writestr(entry.file.removesuffix(".vtkhdf"), blob)
+            before, error = before + (folder / entry.file).stat().st_size, max(error, off)
+    size = out.stat().st_size
+    return {"trajectories": len(manifest.trajectories), "bytes": size, "ratio": before / size, "largest_error": error,
+            "tolerance": tolerance}
+
+
+def unpack(file: str | Path, out: str | Path) -> dict[str, Any]:
+    """Write the trajectory files and the manifest of a packed set into a folder that holds none.
+
+    Raises:
+        InputError: the file is no packed set, or damaged; or the folder holds a set already
+        OSError: the folder cannot be written
+    """
+    file, out = Path(file), Path(out)
+    if (out / "manifest.json").exists():
+        raise InputError(f"{out} holds a data set already; choose another folder")
+    try:
+        with zipfile.ZipFile(file) as archive:
+            about = json.loads(archive.read("manifest.json"))
+            if about.get("schema") != SCHEMA:
+                raise InputError(f"{file}: packed schema {about.get('schema')}, this program reads {SCHEMA}")
+            manifest, entries = read_table(dataset.Manifest, about["manifest"]), []
+            for entry in progress(manifest.trajectories, "unpacking"):
+                trajectory = decode(archive.read(entry.file.removesuffix(".vtkhdf")))
+                write_trajectory(out / entry.file, trajectory)
+                entries.append(replace(entry, sha256=dataset.digest(trajectory)))
+    except FileNotFoundError:
+        raise InputError(f"{file}: no such file") from None
+    except (zipfile.BadZipFile, lzma.LZMAError, KeyError, ValueError, EOFError, RuntimeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{file}: not a whole packed data set: {error}") from None
+    dataset.write_manifest(out, replace(manifest, trajectories=tuple(entries)))
+    return {"trajectories": len(entries), "tolerance": about["tolerance"]}
+
+
+def encode(trajectory: Trajectory, tolerance: float) -> tuple[bytes, float]:
+    """A packed trajectory, verified, and the largest error of its displacements [m]."""
+    moving, rigid = _moving(trajectory)
+    arrays: Arrays = {name: getattr(trajectory, name) for name in AS_IT_IS}
+    arrays["connectivity"] = np.diff(trajectory.connectivity, prepend=0).astype(np.int32)
+    arrays["modes"] = np.round(trajectory.modes.astype(np.float64) / MODE_STEP).astype(np.int32)
+    arrays |= {f"frame {name}": array.astype(np.float32 if array.dtype.kind == "f" else array.dtype)
+               for name, array in trajectory.per_frame.items()}
+    arrays |= {f"field {name}": array for name, array in trajectory.fields.items()}
+    if trajectory.segment is not None:
+        arrays["segment"] = trajectory.segment
+    header = {name: getattr(trajectory, name) for name in HEADER}
+    header["extra"] = {**trajectory.extra, "tolerance": max(tolerance, trajectory.extra.get("tolerance", 0.0))}
+    header["frames"] = len(trajectory.displacement)
+    if rigid:
+        arrays["path"] = trajectory.displacement[:, trajectory.node_kind == OBSTACLE][:, 0]
+    arrays["moving"] = moving
+    motion = trajectory.displacement[:, moving]
+    for arrays["shapes"], arrays["shares"], header["step"], header["share_steps"] in _low_rank(motion, tolerance):
+        blob = _bytes(header, arrays)
+        error = _error(decode(blob).displacement, trajectory.displacement)
+        if error <= tolerance:
+            return blob, error
+    for name in ("shapes", "shares"):
+        arrays.pop(name, None)
+    blob = _bytes(header, {**arrays, "motion": motion})
+    error = _error(decode(blob).displacement, trajectory.displacement)
+    assert error == 0
+    return blob, error
+
+
+def decode(blob: bytes) -> Trajectory:
+    """The trajectory of `encode`. Raises ValueError or KeyError when it is damaged."""
+    header, arrays = _arrays(blob)
+    kinds, moving, frames = arrays["node_kind"], arrays["moving"], header.pop("frames")
+    displacement = np.zeros((frames, len(kinds), 3), np.float32)
+    if "path" in arrays:
+        displacement[:, kinds == OBSTACLE] = arrays["path"][:, None]
+    steps = header.pop("step", 0.0), np.array(header.pop("share_steps", []))
+    displacement[:, moving] = arrays["motion"] if "motion" in arrays else _motion(arrays["shapes"], arrays["shares"], *steps)
+    ends = np.cumsum([OF_VTK[int(kind)].corners for kind in arrays["types"]])
+    header["frequencies_hz"] = tuple(header["frequencies_hz"])
+
+    def named(prefix: str) -> Arrays:
+        return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+
+    per_frame = {name: array.astype(np.float64 if array.dtype.kind == "f" else array.dtype) for name, array in named("frame ").items()}
+    return Trajectory(
+        points=arrays["points"], types=arrays["types"], node_kind=kinds, connectivity=np.cumsum(arrays["connectivity"], dtype=np.int64),
+        offsets=np.concatenate([[0], ends]).astype(np.int64), displacement=displacement, segment=arrays.get("segment"),
+        modes=(arrays["modes"] * MODE_STEP).astype(np.float32), per_frame=per_frame, fields=named("field "), **header)
+
+
+def _moving(trajectory: Trajectory) -> tuple[NDArray[np.bool_], bool]:
+    """(N,) nodes whose motion has to be stored one by one, and whether the obstacle moves as one."""
+    moving = trajectory.displacement.any(axis=(0, 2))
+    obstacle = trajectory.node_kind == OBSTACLE
+    of_obstacle = trajectory.displacement[:, obstacle]
+    rigid = bool(obstacle.any() and (of_obstacle == of_obstacle[:, :1]).all())
+    return moving & ~obstacle if rigid else moving, rigid
+
+
+def _low_rank(motion: NDArray[np.float32], tolerance: float) -> Any:
+    """Ever finer shapes (r, n, 3) and shares (T, r), as integers, with the step of each [m]; ends where it is no use."""
+    frames, nodes = motion.shape[:2]
+    x = motion.reshape(frames, 3 * nodes).astype(np.float64)
+    left, size, right = np.linalg.svd(x, full_matrices=False)
+    rank = 0
+    while rank < len(size) and _error((left[:, :rank] * size[:rank]) @ right[:rank], x) > 0.5 * tolerance:
+        rank += 1
+    largest = abs(left[:, :rank]).max(axis=0, initial=0)  # every singular vector has an entry above 0
+    shapes = right[:rank] * (size[:rank] * largest)[:, None]  # [m]
+    step = 3 * tolerance / math.sqrt(max(1, rank))
+    while rank < len(size) and step > 1e-3 * tolerance and abs(shapes).max(initial=0) / step < 2**31:
+        rounded = np.round(shapes / step)
+        shares = np.linalg.lstsq((rounded * step).T, x.T, rcond=None)[0].T if rank else np.zeros((frames, 0))
+        share_steps = [2.0 ** math.floor(math.log2(0.1 * step / max(1e-300, float(row.max())))) for row in abs(rounded * step)]
+        whole = np.round(shares / np.array(share_steps).reshape(1, rank))
+        if abs(whole).max(initial=0) < 2**31:
+            yield rounded.reshape(rank, nodes, 3).astype(np.int32), np.diff(whole, axis=0, prepend=0).astype(np.int64), step, share_steps
+        step *= 0.85
+
+
+def _motion(shapes: NDArray[Any], shares: NDArray[Any], step: float, share_steps: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(T, n, 3) displacements of what `_low_rank` gives; frames at rest are exactly so."""
+    shares = np.cumsum(shares, axis=0)
+    motion = (shares * share_steps) @ (shapes.reshape(len(shapes), -1) * step)
+    return motion.reshape(len(shares), *shapes.shape[1:]).astype(np.float32)
+
+
+def _error(packed: NDArray[Any], true: NDArray[Any]) -> float:
+    """Largest length of a node's error over all frames [m]."""
+    off = (packed.astype(np.float64) - true).reshape(-1, 3)
+    return float(np.sqrt((off * off).sum(axis=1).max(initial=0.0)))
+
+
+def _bytes(header: dict[str, Any], arrays: Arrays) -> bytes:
+    listed = {name: [array.dtype.str, array.shape] for name, array in arrays.items()}
+    text = json.dumps({**header, "arrays": listed}).encode()
+    planes = [np.ascontiguousarray(a).reshape(-1).view(np.uint8).reshape(a.size, -1).T.tobytes() for a in arrays.values() if a.size]
+    return len(text).to_bytes(8, "little") + text + b"".join(planes)
+
+
+def _arrays(blob: bytes) -> tuple[dict[str, Any], Arrays]:
+    start = 8 + int.from_bytes(blob[:8], "little")
+    header = json.loads(blob[8:start])
+    arrays: Arrays = {}
+    for name, (kind, shape) in header.pop("arrays").items():
+        dtype, count = np.dtype(kind), math.prod(shape)
+        planes = np.frombuffer(blob, np.uint8, count * dtype.itemsize, start).reshape(dtype.itemsize, count)
+        arrays[name] = np.ascontiguousarray(planes.T).reshape(-1).view(dtype).reshape(shape)
+        start += count * dtype.itemsize
+    return header, arrays

@@ -1,0 +1,87 @@
+"""What a family's draws will be like, known before anything is solved.
+
+The graph of a trajectory is that of its mesh's edges; its diameter is the largest number of edges that the shortest way
+between two nodes of the body takes. The obstacle is a graph of its own and plays no part in it, its nodes are counted.
+
+Legend: N nodes, E edges.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.csgraph import dijkstra
+
+from datagen.family.family import Family, draw
+from datagen.sets.generate import jobs_of
+from physics.contact.obstacles import Rigid
+from physics.equilibrium.balance import cell_size
+from physics.mesh.build import build_mesh
+from physics.scene import Scene
+
+
+def graph_diameter(edges: NDArray[np.int64], nodes: int) -> int:
+    """The exact diameter of a connected graph of edges (E, 2), by searches from a few nodes only.
+
+    From a node v at distance d of w, with eccentricity e(v) known, max(d, e(v) - d) <= e(w) <= e(v) + d. Nodes whose upper
+    bound does not exceed the largest lower one cannot raise the diameter; the rest are searched from, alternately the
+    one with the largest upper and the one with the smallest lower bound (Takes and Kosters, Algorithms 6, 2013).
+    """
+    graph = scipy.sparse.csr_matrix((np.ones(len(edges), np.int8), edges.T), shape=(nodes, nodes))
+    graph = graph + graph.T
+    lower, upper = np.zeros(nodes), np.full(nodes, np.inf)
+    open_ = np.ones(nodes, bool)
+    peripheral = True
+    while open_.any():
+        index = np.flatnonzero(open_)
+        v = index[np.argmax(upper[index] + 1e-6 * lower[index])] if peripheral else index[np.argmin(lower[index])]
+        distance = dijkstra(graph, indices=int(v), unweighted=True)
+        far = distance.max()
+        if not np.isfinite(far):
+            raise ValueError("the graph is not connected")
+        lower = np.maximum(lower, np.maximum(distance, far - distance))
+        upper = np.minimum(upper, far + distance)
+        open_ &= (upper > lower.max()) & (lower < upper)
+        open_[v] = False
+        peripheral = not peripheral
+    return int(lower.max())
+
+
+def figures(scene: Scene) -> dict[str, Any]:
+    """What is known of one scene before it is solved."""
+    mesh = build_mesh(scene.body)
+    nodes, obstacle = len(mesh.points), "none"
+    if scene.obstacle is not None:
+        nodes += len(Rigid(scene.obstacle).surface_mesh(mesh.points, size=cell_size(mesh))[0])
+        obstacle = scene.obstacle.shape
+    length, width = np.ptp(mesh.points[:, :2], axis=0)
+    return {"nodes": nodes, "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
+            "steps": scene.steps.count, "xy_extent": float(length * width), "obstacle": obstacle,
+            "support": " and ".join(support.where for support in scene.support) or "none"}
+
+
+def spread(values: ArrayLike) -> dict[str, float]:
+    """Mean, standard deviation (of the sample itself, 1/n), smallest and largest of some numbers."""
+    array = np.asarray(values, np.float64)
+    return {"mean": float(array.mean()), "std": float(array.std()), "min": float(array.min()), "max": float(array.max())}
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The figures of several scenes together: `spread` of numbers, counts of words."""
+    together: dict[str, Any] = {"count": len(rows)}
+    for name, first in rows[0].items():
+        values = [row[name] for row in rows]
+        together[name] = dict(sorted(Counter(values).items())) if isinstance(first, str) else spread(values)
+    return together
+
+
+def planned(family: Family, splits: dict[str, int], *, seed: int = 0) -> dict[str, Any]:
+    """The `summary` of what `generate` would make if every first draw had a solution."""
+    jobs = jobs_of(family, splits, Path(), seed)
+    return summary([{**figures(draw(family, seed, job.index)), "split": job.file.split("/")[0]} for job in jobs])

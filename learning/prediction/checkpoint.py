@@ -1,0 +1,119 @@
+"""The folder of one training run: everything needed to go on, or to predict, and nothing that runs code when it is read.
+
+    RUN/config.toml          the resolved config, for the reader
+    RUN/model.safetensors    the best network so far: weights, normaliser
+    RUN/last.safetensors     the newest state: weights, normaliser, Adam's moments, state of the random generator
+    RUN/range.json           the ranges of the training scenes (seen.py)
+    RUN/curve.jsonl          one JSON object a line: loss and learning rate, validation errors
+
+Both safetensors files carry in their header, as JSON: schema, config, step, seconds trained, best validation error [m],
+SHA-256 of the training data, versions of the libraries. One file holds one state, written under another name, flushed and
+renamed: a training killed at any moment leaves a whole one. No pickle: safetensors holds numbers, JSON the rest.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from learning.config import TrainConfig
+from learning.networks.m4gn import M4GN
+from learning.prediction.memory import keep_freed_memory
+from learning.samples.samples import Normaliser
+from physics.schema import InputError, read_table
+from physics.whole import write_whole
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class State:
+    """Content of one checkpoint file.
+
+    about: the header's JSON: config, step, seconds, best, fingerprint, versions
+    weights: the network's state dictionary
+    normaliser: the scales fitted on the training split
+    optimizer: parameter number -> name -> tensor; empty in model.safetensors
+    generator: state of the torch generator, uint8; None in model.safetensors
+    """
+
+    about: dict[str, Any]
+    weights: dict[str, Tensor]
+    normaliser: Normaliser
+    optimizer: dict[int, dict[str, Tensor]]
+    generator: Tensor | None
+
+
+@dataclass(frozen=True)
+class Model:
+    """A trained network and what it needs to be applied: its config, its scales, and where it came from."""
+
+    config: TrainConfig
+    network: M4GN
+    normaliser: Normaliser
+    name: str
+
+
+def write_state(path: Path, state: State) -> None:
+    """Write a whole checkpoint, or none. Raises OSError."""
+    tensors = {f"weights.{name}": value for name, value in state.weights.items()}
+    tensors |= {f"normaliser.{name}": value for name, value in state.normaliser.tensors().items()}
+    tensors |= {f"optimizer.{i}.{name}": value for i, entry in state.optimizer.items() for name, value in entry.items()}
+    if state.generator is not None:
+        tensors["generator"] = state.generator
+    about = json.dumps({"schema": SCHEMA, **state.about})
+    write_whole(path, save({name: value.detach().contiguous() for name, value in tensors.items()}, {"about": about}))
+
+
+def read_state(path: str | Path) -> State:
+    """Read a checkpoint. Raises `InputError` in one line when it is missing, cut short, or something else."""
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such checkpoint")
+    try:
+        with safe_open(path, framework="pt") as file:
+            about = json.loads((file.metadata() or {}).get("about", "{}"))
+            if about.get("schema") != SCHEMA:
+                raise InputError(f"{path}: checkpoint schema {about.get('schema')}, this program reads {SCHEMA}")
+            tensors = {name: file.get_tensor(name) for name in file.keys()}
+        optimizer: dict[int, dict[str, Tensor]] = {}
+        for name, value in _under("optimizer.", tensors).items():
+            number, entry = name.split(".", 1)
+            optimizer.setdefault(int(number), {})[entry] = value
+        normaliser = Normaliser(**{field.name: tensors[f"normaliser.{field.name}"] for field in fields(Normaliser)})
+        return State(about, _under("weights.", tensors), normaliser, optimizer, tensors.get("generator"))
+    except (SafetensorError, KeyError, ValueError, OSError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: not a whole checkpoint: {str(error).splitlines()[0]}") from None
+
+
+def load_weights(network: torch.nn.Module, state: State, path: str | Path) -> None:
+    """Put a checkpoint's weights into a network. Raises `InputError` when they belong to a different one."""
+    try:
+        network.load_state_dict(state.weights)
+    except RuntimeError as error:
+        lines = [line.strip() for line in str(error).splitlines()]
+        raise InputError(f"{path}: its weights do not fit its config: {lines[min(1, len(lines) - 1)]}") from None
+
+
+def load_model(run: str | Path) -> Model:
+    """The best network of a run folder. Raises `InputError` when the folder holds no whole one."""
+    path = Path(run) / "model.safetensors"
+    state = read_state(path)
+    keep_freed_memory()
+    config = read_table(TrainConfig, state.about.get("config"), f"{path}: config")
+    network = M4GN(config.network)
+    load_weights(network, state, path)
+    return Model(config, network.eval(), state.normaliser, str(run))
+
+
+def _under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}

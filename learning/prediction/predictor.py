@@ -1,0 +1,73 @@
+"""A test case and what predicts it, learned or not: the one interface of everything that a report compares.
+
+Legend: T frames (the rest state first), N nodes of the body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datagen.files.trajectory import Trajectory
+from physics.mesh.mesh import Mesh
+from physics.scene import Scene
+
+Floats = NDArray[np.floating[Any]]
+
+
+class LeftOut(Exception):
+    """A predictor that cannot be measured on a case; the message completes "because in this case ..."."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A test trajectory with its scene and the mesh that the scene builds."""
+
+    name: str
+    trajectory: Trajectory
+    scene: Scene
+    mesh: Mesh
+
+    @property
+    def truth(self) -> NDArray[np.float32]:
+        """(T, N, 3) displacement of the body."""
+        return self.trajectory.displacement[:, self.trajectory.body]
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(N,) True on the body's nodes that are not held."""
+        return self.trajectory.free[self.trajectory.body]
+
+    @property
+    def steps(self) -> int:
+        return len(self.trajectory.displacement) - 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """What one predictor says about one case, and what that cost.
+
+    path: (T, N, 3) displacements
+    one_step: (T - 1, N, 3) predictions of frames 1 .. T - 1, each from the true frame before; None when it starts from none
+    seconds: processor time of all steps; set_up: before the first one, spent anew on each scene
+    iterations: Newton steps in all, where there are any
+    """
+
+    path: Floats
+    one_step: Floats | None = None
+    seconds: float
+    set_up: float = 0.0
+    iterations: int | None = None
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """A name, one of table.KINDS, and a function that predicts a case or raises `LeftOut`."""
+
+    name: str
+    kind: str
+    predict: Callable[[Case], Prediction]

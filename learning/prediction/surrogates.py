@@ -1,0 +1,112 @@
+"""A trained network as a predictor: alone, corrected by Newton steps, and as the start of the full Newton iteration.
+
+Times are processor times. The set-up is what a new scene costs before its first step: the elastic mode that cuts the mesh into
+segments, the segments, and for a corrected network the equations. Loading a checkpoint or a compiled form, done once, is not
+part of it.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datagen.files.trajectory import Trajectory
+from learning.prediction.checkpoint import Model
+from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
+from learning.prediction.rollout import predict_step, rollout
+from learning.samples.estimate import estimate
+from physics.equilibrium.newton import NoEquilibrium
+from physics.fidelity.correct import Corrector
+from physics.mesh.mesh import Mesh
+from physics.modes.elastic import elastic_modes
+from physics.scene import Scene
+
+
+def learned(model: Model, name: str = "M4GN", *, single_steps: bool = True) -> Predictor:
+    """The network's own rollout, and with it single steps from true states, whose time does not count."""
+
+    def predict(case: Case) -> Prediction:
+        modes = _modes_seconds(model, case)
+        start, began = time.process_time(), time.perf_counter()
+        try:
+            predicted = rollout(model, case.trajectory)
+        except FloatingPointError as error:
+            raise LeftOut(f"it blows up: {error}") from None
+        body = case.trajectory.body
+        seconds, set_up = _split(predicted, start, began)
+        steps = predict_step(model, case.trajectory)[:, body] if single_steps else None
+        return Prediction(path=predicted.displacement[:, body], one_step=steps, seconds=seconds, set_up=modes + set_up)
+
+    return Predictor(name, "learned", predict)
+
+
+def corrected(model: Model, count: int | None, name: str = "M4GN") -> Predictor:
+    """Each predicted frame followed by `count` Newton steps, from which the rollout goes on; None: to the solver's tolerance."""
+
+    def predict(case: Case) -> Prediction:
+        modes = _modes_seconds(model, case)
+        start, began = time.process_time(), time.perf_counter()
+        predicted, corrector = corrected_rollout(model, case.trajectory, case.scene, case.mesh, count)
+        seconds, set_up = _split(predicted, start, began)
+        return Prediction(path=predicted.displacement[:, case.trajectory.body], seconds=seconds, set_up=modes + set_up,
+                          iterations=corrector.iterations)
+
+    how = "as the start of Newton" if count is None else f"{count} Newton step{'s' if count > 1 else ''}"
+    return Predictor(f"{name}, {how}", "hybrid", predict)
+
+
+def estimated(name: str = "M4GN") -> Predictor:
+    """What a network with scheme = "pose" corrects, without the network: nothing of it is learned."""
+
+    def predict(case: Case) -> Prediction:
+        start, path = time.process_time(), np.zeros_like(case.truth)
+        given = np.where(case.trajectory.free[:, None], np.float32(0), case.trajectory.displacement)
+        found = estimate(replace(case.trajectory, displacement=given), np.arange(1, case.steps + 1))
+        path[1:] = found.displacement[:, case.trajectory.body]
+        return Prediction(path=path, seconds=time.process_time() - start)
+
+    return Predictor(f"{name}, its estimate alone", "reduced", predict)
+
+
+def corrected_rollout(model: Model, trajectory: Trajectory, scene: Scene, mesh: Mesh, count: int | None) -> tuple[Trajectory, Corrector]:
+    """The rollout of which each frame is corrected before the next one is predicted, and the corrector.
+
+    Raises:
+        LeftOut: a Newton step led nowhere, or the network to positions that are not finite
+        InputError: a mesh that cannot be segmented
+    """
+    corrector, steps = Corrector(scene, mesh, count=count), len(trajectory.displacement) - 1
+
+    def correct(u: NDArray[np.float64], frame: int) -> NDArray[Any]:
+        try:
+            return corrector(u, frame / steps)
+        except NoEquilibrium as error:
+            raise LeftOut(f"a Newton step led nowhere at frame {frame}: {error}") from None
+
+    try:
+        return rollout(model, trajectory, correct=correct), corrector
+    except FloatingPointError as error:
+        raise LeftOut(f"it blows up: {error}") from None
+
+
+def _split(predicted: Trajectory, start: float, began: float) -> tuple[float, float]:
+    """Processor seconds of the steps and of the set-up of a rollout that began at these processor and wall times.
+
+    A rollout knows the wall time of its steps; their share of the whole is taken for both clocks.
+    """
+    whole, wall = time.process_time() - start, time.perf_counter() - began
+    share = min(1.0, predicted.extra["seconds_per_step"] * (len(predicted.displacement) - 1) / wall)
+    return share * whole, (1 - share) * whole
+
+
+def _modes_seconds(model: Model, case: Case) -> float:
+    """What the elastic mode costs that the segments need; the file brings it along, another scene would not."""
+    if "md" not in model.config.method or model.config.modes != "elastic":
+        return 0.0
+    start = time.process_time()
+    elastic_modes(case.scene, count=1, mesh=case.mesh)
+    return time.process_time() - start

@@ -1,0 +1,90 @@
+"""Everything that predicts a path, on the same scenes, one core each: speed against error.
+
+Learned simulators alone, corrected by one Newton step and as the start of the full Newton iteration; predictors that know
+nothing; finite elements made cheaper in every way at hand; a reduced-order model; and the solver that made the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from datagen.files.trajectory import as_solved
+from datagen.sets.dataset import files
+from datagen.sets.generate import trajectory_of
+from learning.prediction.checkpoint import Model, load_model
+from learning.prediction.predictor import Case, Predictor
+from learning.prediction.rivals import REFERENCE, elements, reduced, trivial
+from learning.prediction.surrogates import corrected, estimated, learned
+from learning.report.evaluate import load_cases, report_on
+from physics.mesh.build import build_mesh
+from physics.scene import load_scene
+from physics.schema import InputError
+
+LOOSE = 1e-2  # residual over reaction
+
+
+def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, count: int = 5, split: str = "test",
+            refined: int | None = None, repeats: int = 3, say: Callable[[str], None] | None = None) -> dict[str, Any]:
+    """Measure every predictor on a scene file, or on some trajectories of a data set, and write the report folder.
+
+    Args:
+        what: a scene (.toml), or the folder of a data set
+        runs: folders of trainings; none: the classical methods among themselves
+        count, split: how many trajectories of which split of a data set, evenly spaced
+        refined: how many of them are solved on finer cells as well; all by default
+        repeats: of each timing
+
+    Returns:
+        the content of report.json and "report", the folder
+
+    Raises:
+        InputError: no such scene or data set, no whole checkpoint, a trajectory without a scene
+        RuntimeError: a scene that has no solution
+    """
+    models = {str(run): load_model(run) for run in runs}
+    cases = scene_case(what) if Path(what).suffix.lower() == ".toml" else some_cases(what, split, count)
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        return report_on(predictors(models), cases, Path(out), title="Speed against error", runs=models,
+                         refined=len(cases) if refined is None else refined, repeats=repeats, say=say)
+    finally:
+        torch.set_num_threads(before)
+
+
+def scene_case(path: str | Path) -> list[Case]:
+    """The scene of a file, solved here. Raises `InputError` for a bad scene, RuntimeError for one without a solution."""
+    scene = load_scene(path)
+    if scene.steps.dynamic or scene.body.order != 1:
+        raise InputError(f"{path}: the comparison takes quasi-static scenes of first-order cells")
+    trajectory = trajectory_of(scene)
+    if not trajectory.complete:
+        raise RuntimeError(f"{path}: {trajectory.extra['failure']}")
+    return [Case(Path(path).stem, trajectory, as_solved(scene, trajectory, scene.steps.count), build_mesh(scene.body))]
+
+
+def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:
+    """At most `count` trajectories of a split, evenly spaced. Raises `InputError`."""
+    found = files(folder, split)
+    chosen = np.unique(np.linspace(0, len(found) - 1, min(count, len(found))).round().astype(int))
+    return load_cases([found[i] for i in chosen])
+
+
+def predictors(models: dict[str, Model]) -> list[Predictor]:
+    """All of them, learned ones first; with several runs these carry the names of their folders."""
+    names = {run: "M4GN" if len(models) == 1 else f"M4GN {Path(run).name}" for run in models}
+    if len(set(names.values())) < len(names):
+        raise InputError(f"--run: the folders {', '.join(models)} must have different names, by which the report calls them")
+    rungs = [predictor for run, model in models.items()
+             for predictor in (learned(model, names[run]), *([estimated(names[run])] if model.config.estimate else []),
+                              corrected(model, 1, names[run]), corrected(model, None, names[run]))]
+    return [*rungs, *trivial(),
+            elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2),
+            elements("FE, a tenth of the steps", fewer=10), elements(f"FE, tolerance {LOOSE:g}", tolerance=LOOSE),
+            elements("FE, cells halved, a tenth of the steps", halvings=1, fewer=10), elements("FE, linear elasticity", law="linear"),
+            reduced("reduced-order model"), reduced("reduced-order model, a tenth of the steps", fewer=10), elements(REFERENCE)]

@@ -1,0 +1,227 @@
+"""Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report.
+
+On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser
+meshes, and the solver that made the truth, run again here for its time. What is written: report.py; the rivals: rivals.py;
+how they are measured: measure.py. All rivals at once, timed with repeats: compare.py.
+"""
+
+from __future__ import annotations
+
+import datetime
+import os
+import platform
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from datagen.files.prediction import read_truth
+from datagen.sets.generate import commit, versions
+from learning.prediction.checkpoint import Model, load_model, read_state
+from learning.prediction.predictor import Case, Predictor
+from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
+from learning.prediction.surrogates import corrected, estimated, learned
+from learning.report.measure import Measurement, measure
+from learning.report.report import write_report
+from learning.report.table import Report, Row, best_learned
+from learning.samples.seen import Seen, outside, read_seen
+from physics.scene import Scene
+from physics.schema import InputError
+from physics.view import Obstacle, frame_picture
+
+WORST = 5  # pictures
+SAMPLE = 25  # frames of a trajectory at which the equations are checked
+
+
+def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, correct: int = 1, refined: int = 1,
+             say: Callable[[str], None] | None = None) -> dict[str, Any]:
+    """Roll a trained network out over test trajectories and write the report folder.
+
+    Args:
+        run: folder of a training
+        files: test trajectories, each with its scene in it
+        out: report folder
+        correct: Newton steps after each frame of the corrected rollout
+        refined: how many of the test scenes are solved on finer cells as well
+        say: takes a line of what comes out
+
+    Returns:
+        the content of report.json and "report", the folder
+
+    Raises:
+        InputError: no whole checkpoint, no files, a file without a scene, a mesh that is not the one its scene builds
+    """
+    if not files:
+        raise InputError("no trajectories to evaluate on")
+    model = load_model(run)
+    cases = load_cases(files)
+    alone = [estimated()] if model.config.estimate else []
+    predictors = [learned(model), *alone, corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
+                  elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
+    return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
+                     refined=refined, say=say)
+
+
+def load_cases(files: Sequence[str | Path]) -> list[Case]:
+    """The trajectories that predictions can be held against, named by their files. Raises `InputError`."""
+    return [Case(Path(file).stem, *read_truth(file)) for file in files]
+
+
+def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model],
+              refined: int, repeats: int = 1, say: Callable[[str], None] | None = None) -> dict[str, Any]:
+    """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder."""
+    known = {run: read_seen(run) for run in runs}
+    warm_up(cases[0].scene)
+    chosen = np.unique(np.linspace(0, len(cases) - 1, min(refined, len(cases))).round().astype(int)).tolist() if refined else []
+    with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
+        found = measure(predictors, cases, sample=SAMPLE, refined=chosen, repeats=repeats, on_done=bar.update)
+    out.mkdir(parents=True, exist_ok=True)
+    spans = [span for span in known.values() if span is not None]
+    report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
+                    outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
+                    facts=_facts(runs, cases, found, repeats), notes=_limits(cases, found, runs, spans))
+    content = write_report(out, report)
+    if say is not None:
+        for line in (*summary(found.rows), content["summary"], f"report: {out / 'report.html'}"):
+            say(line)
+    return {**content, "report": str(out)}
+
+
+def summary(rows: Sequence[Row]) -> list[str]:
+    """The table's first columns for a terminal."""
+    lines = [f"{'':36s} {'ms/step':>9s} {'RMSE-1':>9s} {'RMSE-50':>9s} {'RMSE-all':>9s} {'to finer':>9s}  [mm, free nodes]"]
+    for row in rows:
+        errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmse_1", "rmse_50", "rmse_all", "rmse_refined"))
+        lines.append(f"{row.name:36s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
+    return lines
+
+
+def warm_up(scene: Scene) -> None:
+    """Solve something small once, so that no time of below contains the loading of compiled forms."""
+    while (smaller := coarser(scene)) is not None:
+        scene = smaller
+    follow(scene)
+
+
+def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
+    """Draw the worst frame of each of the worst trajectories of the best network: file names and captions."""
+    best = best_learned(found.rows)
+    frames = sorted((frame for frame in found.frames if best is not None and frame.predictor == best.name), key=lambda frame: -frame.error)
+    pictures = []
+    for frame in frames[:WORST]:
+        case, step, surface = frame.case, frame.step, frame.case.trajectory.obstacle
+        name = f"frame_{case.name}.png"
+        frame_picture(out / name, case.mesh, prediction=frame.displacement, truth=case.truth[step], step=step, steps=case.steps,
+                      obstacle=None if surface is None else Obstacle(*surface).at(step), names=(frame.predictor, "finite elements"))
+        pictures.append((name, f"Test trajectory {case.name}, RMSE-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
+                               "where the rollout is farthest from the truth. Left the prediction, coloured by its error, over the "
+                               "outline of the truth; right the truth."))
+    return pictures
+
+
+def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, repeats: int) -> dict[str, str]:
+    nodes = sorted({len(case.mesh.points) for case in cases})
+    libraries = {"torch": torch.__version__, "pyvista": version("pyvista"), **versions()}
+    threads = ", ".join(f"{name} {os.environ.get(name, 'not set')}" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"))
+    timed = "each prediction timed once" if repeats == 1 else f"medians of {repeats} predictions, one for those of more than 10 s"
+    facts = {
+        "test trajectories": f"{len(cases)}: {', '.join(case.name for case in cases)}; {_range(nodes)} nodes, "
+                             f"{_range(sorted({case.steps for case in cases}))} steps; free nodes are those that neither a "
+                             "support holds nor the obstacle is made of",
+        "gathering": "means over trajectories; of penetration, det F, scaled Jacobian and inverted cells the worst",
+        "timing": f"processor time of one process, one predictor after the other on each scene; {timed}",
+    }
+    for run, model in runs.items():
+        about = read_state(Path(run) / "model.safetensors").about
+        facts[f"network {Path(run).name}"] = (
+            f"M4GN from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
+            f"{about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
+    return facts | {
+        "truth": f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
+                 f"solved again here, it differs from the files by {1e3 * found.solved_again:.1e} mm at most (they hold 32-bit numbers)",
+        "equations": f"checked at up to {SAMPLE} frames of each trajectory, everything else at all frames",
+        "machine": f"{_processor()}, {os.cpu_count()} cores; {platform.platform()}",
+        "threads": f"PyTorch {torch.get_num_threads()}; {threads}; the FE solver runs in one process",
+        "versions": ", ".join(f"{name} {number}" for name, number in libraries.items()),
+        "program": commit() or "not from a checkout",
+        "date": datetime.date.today().isoformat(),
+    }
+
+
+def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model], spans: Sequence[Seen]) -> list[str]:
+    notes = [
+        "The truth has an error of its own, that of its mesh. An error below it means that the truth is imitated well, not that "
+        "the body is known better.",
+        f"Materials: {_words(_material(case) for case in cases)}. Cells: {_words(case.mesh.cell for case in cases)}. Of other "
+        "materials and kinds of mesh nothing is said here.",
+        "\"Keep the last velocity\" is shown the first two frames and \"quadratic extrapolation\" the first three, no more. Before the "
+        "obstacle touches nothing moves, so over whole rollouts they can equal \"nothing moves\"; their RMSE-1 starts from true states.",
+        "Finite elements on a coarser mesh are in equilibrium on their own mesh; carried over to the finer one they are not, which is "
+        "what their residual and penetration show.",
+        "The residual of a body that never moves is zero: it is in equilibrium, but the obstacle is inside of it. Read residual and "
+        "penetration together.",
+        "Errors are lengths of vectors. Where others average over the three components as well, their figures are smaller by the "
+        "square root of 3."]
+    reference = next((row for row in found.rows if row.kind == "reference"), None)
+    if reference is not None and reference.scores.get("rmse_refined", np.nan) > 0:
+        own = reference.scores["rmse_refined"]
+        count = sum(not np.isnan(each["rmse_refined"]) for each in reference.each)
+        notes[0] += (f" On {count} of the {len(cases)} scenes, solved again on cells of half the size, the data are {1e3 * own:.3g} mm off"
+                     f" (and the finer solution by about a third of that, if errors fall with the square of the cells' size).")
+        for row in found.rows:
+            if row.kind in ("learned", "hybrid"):
+                notes[0] += (f" {row.name}: {1e3 * row.scores['rmse_refined']:.3g} mm from the finer solution; in "
+                             f"{100 * row.scores['below_data']:.0f} % of the frames closer to the data than these to it.")
+    notes += _of_correction(found.rows)
+    if runs:
+        notes.append("The test scenes lie inside or outside of the ranges listed above. Each quantity is looked at by itself: a scene "
+                     "inside of all of them may still combine values as no training scene did." if spans else
+                     "The run does not say what it was trained on (no range.json), so how far outside the test scenes lie is not known.")
+    return [*notes, *found.notes]
+
+
+def _of_correction(rows: Sequence[Row]) -> list[str]:
+    """What Newton steps make of a network, and what the network is worth as their start: a sentence each."""
+    by_name, said = {row.name: row for row in rows}, []
+    reference = by_name.get(REFERENCE)
+    for row in rows:
+        alone = by_name.get(row.name.rsplit(", ", 1)[0])
+        if row.kind != "hybrid" or alone is None or reference is None:
+            continue
+        if row.name.endswith("Newton"):
+            said.append(f"{row.name}: {row.scores['iterations']:.3g} Newton steps for each step of the loading and "
+                        f"{row.ms_per_step:.3g} ms; from the polynomial through the last states, as the solver starts by itself, "
+                        f"{reference.scores['iterations']:.3g} and {reference.ms_per_step:.3g} ms.")
+        else:
+            said.append(f"{row.name}: the error over whole rollouts falls by a factor of "
+                        f"{alone.scores['rmse_all'] / row.scores['rmse_all']:.3g}, for {row.ms_per_step - alone.ms_per_step:.3g} ms a step "
+                        f"more; the solver itself takes {reference.ms_per_step:.3g} ms.")
+    return said
+
+
+def _material(case: Case) -> str:
+    material = case.scene.material
+    return f"{material.law} (E = {material.young_modulus:.3g} Pa, nu = {material.poisson_ratio:.3g})"
+
+
+def _words(values: Any) -> str:
+    """Different values, at most four of them, with commas."""
+    different = sorted(set(values))
+    return ", ".join(different[:4]) + (f" and {len(different) - 4} more" if len(different) > 4 else "")
+
+
+def _range(values: list[int]) -> str:
+    return str(values[0]) if len(values) == 1 else f"{values[0]} to {values[-1]}"
+
+
+def _processor() -> str:
+    """The processor's name where Linux tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.machine()

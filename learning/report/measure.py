@@ -1,0 +1,142 @@
+"""Predictors measured on test cases: every prediction through the same verdict, the truth's own error beside it.
+
+Times are processor times of this process, which other work on the machine disturbs little, one predictor after the other on each
+case; with repeats, medians. A prediction that takes longer than LONG is timed once: what disturbs it is small against it.
+
+On some cases there is a second truth, the same scene on cells of half the size (datagen.sets.statistics.finer). Errors to it tell
+how far a prediction is from the body rather than from the data, and the reference's own is the error of the data.
+
+Legend: T frames, N nodes of the body, F frames of a finer solution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datagen.sets.statistics import finer
+from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
+from learning.report.table import Row
+from physics.fem import release
+from physics.fidelity.verify import as_table, verify
+from physics.mesh.quality import rmse
+
+LONG = 10.0  # [s]
+EXTREMES = {"largest_penetration": max, "smallest_det_f": min, "smallest_scaled_jacobian": min, "inverted_elements": max}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The frame of a rollout that is farthest from the truth."""
+
+    case: Case
+    predictor: str
+    step: int
+    displacement: NDArray[Any]  # (N, 3)
+    error: float  # [m] of the whole rollout, free nodes
+
+
+@dataclass
+class Measurement:
+    """Everything found: a row for each predictor that did all cases, worst frames of the learned ones, what went wrong."""
+
+    rows: list[Row] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    solved_again: float = 0.0  # [m] largest difference of the reference to the files
+
+
+def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: int, refined: Collection[int] = (),
+            repeats: int = 1, on_done: Callable[[], None] = lambda: None) -> Measurement:
+    """Run all predictors on all cases.
+
+    Args:
+        sample: frames of each trajectory at which the equations are checked
+        refined: numbers of the cases that are solved on finer cells as well
+        repeats: how often each prediction is timed
+        on_done: called after each prediction of a case
+    """
+    found = Measurement()
+    each: dict[str, list[dict[str, float]]] = {predictor.name: [] for predictor in predictors}
+    for number, case in enumerate(cases):
+        second = _second_truth(case, found.notes) if number in refined else None
+        for predictor in predictors:
+            try:
+                prediction = _repeated(predictor, case, repeats)
+            except LeftOut as reason:
+                found.notes.append(f"{predictor.name} is left out, because in {case.name} {reason}.")
+                prediction = None
+            on_done()
+            if prediction is None:
+                continue
+            path = prediction.path
+            if predictor.kind == "reference":  # what counts is the file, which was solved again for its time
+                found.solved_again = max(found.solved_again, float(abs(path - case.truth).max()))
+                path = case.truth
+            fidelity = verify(path, case.truth, scene=case.scene, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
+                              sample=sample)
+            each[predictor.name].append(_scores(fidelity, prediction, case) | _against(second, path, case))
+            if predictor.kind == "learned":
+                found.frames.append(Frame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
+        release()
+    found.rows = [_row(predictor, each[predictor.name]) for predictor in predictors if len(each[predictor.name]) == len(cases)]
+    return found
+
+
+def _repeated(predictor: Predictor, case: Case, repeats: int) -> Prediction:
+    """The first prediction with the median times of all."""
+    predictions = [predictor.predict(case)]
+    while len(predictions) < repeats and predictions[0].seconds < LONG:
+        predictions.append(predictor.predict(case))
+    first = predictions[0]
+    return Prediction(path=first.path, one_step=first.one_step, iterations=first.iterations,
+                      seconds=float(np.median([p.seconds for p in predictions])), set_up=float(np.median([p.set_up for p in predictions])))
+
+
+def _second_truth(case: Case, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Frames (F,) and displacements (F, N, 3) of the case solved on finer cells; None when that fails."""
+    try:
+        every, displacement, _ = finer(case.scene, case.mesh.points)
+    except RuntimeError as error:
+        notes.append(f"{case.name} has no finer solution: {error}.")
+        return None
+    return np.arange(0, case.steps + 1, every), displacement
+
+
+def _against(second: tuple[NDArray[np.int64], NDArray[np.float64]] | None, path: NDArray[Any], case: Case) -> dict[str, float]:
+    """The error to the finer solution, and the share of its frames in which the error to the data is below the data's own."""
+    if second is None:
+        return {"rmse_refined": np.nan, "below_data": np.nan}
+    frames, fine = second
+    own, error = _by_frame(case.truth[frames], fine, case), _by_frame(path[frames], case.truth[frames], case)
+    return {"rmse_refined": rmse(path[frames[1:]], fine[1:], case.free), "below_data": float(np.mean(error[1:] < own[1:]))}
+
+
+def _by_frame(a: NDArray[Any], b: NDArray[Any], case: Case) -> NDArray[np.float64]:
+    """(F,) root mean square distance over the free nodes."""
+    return np.sqrt(np.mean(np.sum((a - b)[:, case.free].astype(np.float64) ** 2, axis=2), axis=1))
+
+
+def _scores(fidelity: Any, prediction: Prediction, case: Case) -> dict[str, float]:
+    table = {key: float(value) for key, value in as_table(fidelity).items() if key != "worst_step"}
+    if prediction.one_step is None:  # starts no step from a given state
+        table |= {"rmse_1": np.nan, "rmse_1_pooled": np.nan}
+    whole = prediction.seconds + prediction.set_up
+    return {"seconds": whole, "set_up_seconds": prediction.set_up, "ms_per_step": 1e3 * whole / case.steps,
+            "ms_per_step_alone": 1e3 * prediction.seconds / case.steps,
+            "iterations": np.nan if prediction.iterations is None else prediction.iterations / case.steps, **table}
+
+
+def _row(predictor: Predictor, each: list[dict[str, float]]) -> Row:
+    """Means over trajectories, of extremes the extreme; what only some have, over those."""
+    scores = {}
+    for key in each[0]:
+        values = [table[key] for table in each if not np.isnan(table[key])]
+        scores[key] = float(EXTREMES.get(key, np.mean)(values)) if values else float("nan")
+    return Row(predictor.name, predictor.kind, scores, tuple(each))
+
+

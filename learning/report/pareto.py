@@ -1,0 +1,103 @@
+"""Speed against error: time per step and RMSE over whole rollouts, both logarithmic, every predictor a labelled point."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from learning.report.table import Row
+
+COLOURS = {"learned": "#c8102e", "hybrid": "#7b2d8b", "trivial": "#7a7d82", "fe": "#1f4e9c", "reduced": "#c77700",
+           "reference": "#0b7a4b"}
+MARKERS = {"learned": "o", "hybrid": "P", "trivial": "D", "fe": "s", "reduced": "^", "reference": "*"}
+# Where a label may stand: its offset from the point in points, and which of its corners is put there.
+PLACES = [((x * far, y * far), {-1: "right", 0: "center", 1: "left"}[x], {-1: "top", 0: "center", 1: "bottom"}[y])
+          for far, (x, y) in product((8, 14, 24, 38, 54), ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 0), (-1, 0), (0, 1), (0, -1)))]
+
+
+def measure_of(rows: list[Row]) -> str:
+    """The error that all rows have in all trajectories: to the solution on finer cells where there is one, else to the data."""
+    every = [each.get("rmse_refined", math.nan) for row in rows for each in (row.scores, *row.each)]
+    return "rmse_all" if not every or any(map(math.isnan, every)) else "rmse_refined"
+
+
+def front(rows: list[Row], error: str = "rmse_all") -> list[Row]:
+    """Predictors that no other beats or equals in both time and error, the fastest first."""
+    best, lowest = [], math.inf
+    for row in sorted(rows, key=lambda row: (row.ms_per_step, row.scores[error])):
+        if row.scores[error] < lowest:
+            best.append(row)
+            lowest = row.scores[error]
+    return best
+
+
+def pareto_picture(path: Path, rows: list[Row]) -> None:
+    """Write the picture as PNG. A bar leads from each point to its time without set-up.
+
+    Against the data the reference has no error and is a line at its time; against finer cells it is a point like all others,
+    and a line shows its error: what lies on that line knows the body as well as the data do.
+    """
+    error = measure_of(rows)
+    figure = Figure(figsize=(10, 6.2), dpi=110, facecolor="white", layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    to = "the scene on cells of half the size" if error == "rmse_refined" else "the data"
+    axes.set(xscale="log", yscale="log", xlabel="processor time per step [ms], set-up included (end of the bar: excluded)",
+             ylabel=f"RMSE to {to}, whole rollouts, free nodes [mm]")
+    points = {row.name: (row.ms_per_step, 1e3 * row.scores[error]) for row in rows if row.scores[error] > 0 and row.ms_per_step > 0}
+    best = [points[row.name] for row in front(rows, error) if row.name in points]
+    axes.step([x for x, _ in best], [y for _, y in best], where="post", color="#dcdcdc", lw=6, zorder=1,
+              label="front: nothing is both faster and closer")
+    for row in rows:
+        colour = COLOURS[row.kind]
+        if row.name in points:
+            x, y = points[row.name]
+            axes.plot([row.scores.get("ms_per_step_alone", x), x], [y, y], color=colour, lw=1.4, alpha=0.6, zorder=2)
+            axes.scatter(x, y, s=120 if row.kind == "reference" else 62, color=colour, marker=MARKERS[row.kind], zorder=3)
+            if row.kind == "reference":
+                axes.axhline(y, color=colour, ls=":", lw=1.2, label="error of the data")
+        elif row.kind == "reference":
+            axes.axvline(row.ms_per_step, color=colour, ls="--", lw=1.3, label=f"{row.name}: zero error by definition")
+    axes.margins(x=0.16, y=0.14)
+    axes.grid(which="major", color="#ececec", lw=0.8)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, 1.09), ncols=2)
+    canvas.draw()
+    _label(axes, [(row.name, points[row.name], COLOURS[row.kind]) for row in rows if row.name in points])
+    figure.savefig(path)
+
+
+def _label(axes: Any, labels: list[tuple[str, tuple[float, float], str]]) -> None:
+    """Put each label at the first place where it covers no other label, no point and no edge of the picture."""
+    renderer, inside = axes.figure.canvas.get_renderer(), axes.get_window_extent().padded(2)
+    taken = []
+    for _, point, _ in labels:
+        x, y = axes.transData.transform(point)
+        taken.append(inside.from_extents(x - 8, y - 8, x + 8, y + 8))
+    for number, (text, point, colour) in enumerate(labels):
+        # A label must not stand nearer to another point than to its own.
+        near = [box.padded(7) if other != number and other < len(labels) else box for other, box in enumerate(taken)]
+        tried: list[tuple[int, int, Any, Any]] = []
+        for offset, across, up in PLACES:
+            note = axes.annotate(text, point, xytext=offset, textcoords="offset points", fontsize=8.5, ha=across, va=up, color=colour,
+                                 arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5} if max(map(abs, offset)) > 8 else None)
+            note.update_positions(renderer)
+            box = Text.get_window_extent(note, renderer)  # of the text alone: the arrow leads back to the point
+            covered = sum(box.overlaps(other) for other in near) + (not (inside.x0 <= box.x0 and box.x1 <= inside.x1
+                                                                          and inside.y0 <= box.y0 and box.y1 <= inside.y1))
+            tried.append((covered, len(tried), note, box))
+            if not covered:
+                break
+            note.set_visible(False)
+        _, _, note, box = min(tried, key=lambda entry: entry[:2])
+        note.set_visible(True)
+        for _, _, other, _ in tried:
+            if other is not note:
+                other.remove()
+        taken.append(box)

@@ -1,0 +1,280 @@
+"""Training samples: frames of trajectories held in memory, with fresh noise, and the scale of everything in them.
+
+A sample is a graph, a base b and a unit c from which a network's output y (N, 3) makes the displacement of one frame, f:
+
+    u(f) = b + c y        on free nodes, and the loss compares y with (u(f) - b) / c
+
+    scheme    estimate   the graph shows                            on free nodes also           b                       c
+    step      no         frame f - 1                                -                            u(f - 1)                1
+    step      no         the same, with history = 1                 last velocity v              u(f - 1) + v            1
+    step      yes        the same                                   e(f) - u(f - 1)              e(f)                    c(f)
+    pose      no         the body at rest, the obstacle at f        -                            0                       1
+    pose      yes        the body as estimated, the obstacle at f   a(f) / c(f)                  e(f)                    c(f)
+
+e is an estimate of the quasi-static state at the obstacle's pose, a the answer to the forces that it leaves over, c the root
+mean square of a (quasistatic.py): the network learns what is wrong with the estimate in units of about how wrong it is.
+
+A stepwise simulator walks on its own predictions, so it is trained on disturbed frames: to every free node, at every access anew,
+
+    x' = x(f - 1) + noise,    noise ~ N(0, noise^2 I) [m]
+
+and u(f - 1) above is that of x'. The target is corrected: it leads from the disturbed position to the true next one, so the
+network learns to repair. A pose has no past, and no noise.
+
+The normaliser is fitted on the training trajectories only, on samples as the training sees them, noise included. Inputs
+get mean and standard deviation of each feature. The output has a natural zero, and gets one scale for its three
+components, its root mean square over free nodes, so that the loss is proportional to the squared error in metres (or units c): with
+one scale each, a sideways velocity that is nothing but rounding would weigh as much as the bending.
+
+Legend: N nodes, T frames, F features.
+Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 for the correction.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from tqdm import tqdm
+
+from datagen.files.trajectory import Trajectory, problems, read_trajectory
+from learning.config import TrainConfig
+from learning.graphs.graph import Graph, Skeleton, build_graph, build_skeleton
+from learning.samples.estimate import Estimate, estimate
+from learning.segments.cut import segment
+from learning.segments.quality import auto_segment
+from physics.schema import InputError
+
+FIT_FRAMES = 1000
+OFTENEST = 5.0  # times the mean that a frame may be drawn on account of its error
+SMALLEST = 1e-8  # [m] unit of a frame whose estimate leaves no force over
+CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"), "fidelity", "estimates")
+INPUTS = ("node", "mesh_edge", "contact_edge")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A trajectory and what its graphs have in common.
+
+    targets: (F,) the frames to predict, ascending, none of them 0
+    estimate: of the targets; None where the config wants none
+    """
+
+    trajectory: Trajectory
+    skeleton: Skeleton
+    targets: NDArray[np.int64]
+    estimate: Estimate | None
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a frame is predicted from: its graph, base (N, 3) [m] and unit [m], see the module."""
+
+    graph: Graph
+    base: NDArray[np.float64]
+    unit: float
+
+
+@dataclass(frozen=True)
+class Normaliser:
+    """(2, F) mean and standard deviation of the features of nodes and edges; (1,) scale of the velocity [m]."""
+
+    node: Tensor
+    mesh_edge: Tensor
+    contact_edge: Tensor
+    velocity: Tensor
+
+    def graph(self, graph: Graph) -> Graph:
+        """The graph with its features scaled."""
+        return replace(graph, **{name: (getattr(graph, name) - getattr(self, name)[0]) / getattr(self, name)[1]
+                                 for name in INPUTS})
+
+    def tensors(self) -> dict[str, Tensor]:
+        """The four tables by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+def load_cases(files: Sequence[str | Path], config: TrainConfig, *, walk: bool = False) -> list[Case]:
+    """Read and segment trajectory files. Raises `InputError` for none at all, and for one damaged or of a single frame.
+
+    walk: the cases are to be walked through, which for scheme = "step" takes every frame
+    """
+    if not files:
+        raise InputError("no trajectory files given")
+    cases = []
+    for path in tqdm(files, desc="load", disable=None, leave=False):
+        trajectory = read_trajectory(path)
+        found = problems(trajectory)
+        if len(trajectory.displacement) < 2:
+            found.append("it has a single frame, and so nothing to predict")
+        if found:
+            raise InputError(f"{path}: {found[0]}")
+        last = len(trajectory.displacement) - 1
+        count = last if walk and config.scheme == "step" else min(config.frames or last, last)
+        targets = np.linspace(0, last, count + 1).round().astype(np.int64)[1:]
+        try:
+            cases.append(build_case(trajectory, config, targets=targets, cache=CACHE))
+        except (InputError, FloatingPointError) as error:
+            raise InputError(f"{path}: {error}") from None
+    return cases
+
+
+def build_case(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[np.int64] | None = None,
+               cache: Path | None = None) -> Case:
+    """Segment a trajectory in memory and collect what its graphs have in common.
+
+    Args:
+        targets: the frames to predict, ascending; all but frame 0 by default
+        cache: folder of estimates made before
+    """
+    if targets is None:
+        targets = np.arange(1, len(trajectory.displacement))
+    skeleton = build_skeleton(trajectory, segments_of(trajectory, config), overlap=config.overlap, walk=config.network.walk)
+    found = estimate(trajectory, targets, cache=cache) if config.estimate else None
+    return Case(trajectory, skeleton, targets, found)
+
+
+def segments_of(trajectory: Trajectory, config: TrainConfig) -> NDArray[np.int32]:
+    """(N,) segment of each node, as a config wants them. Raises `InputError` for a mesh that cannot be segmented so."""
+    if isinstance(config.segments, str):
+        return auto_segment(trajectory, method=config.method, tau=config.tau, modes=config.modes, mode_count=config.mode_count)[0]
+    return segment(trajectory, count=config.segments, method=config.method, tau=config.tau, modes=config.modes,
+                   mode_count=config.mode_count)
+
+
+def describe(case: Case, target: int, now: NDArray[np.floating], before: NDArray[np.floating], config: TrainConfig) -> Sample:
+    """What a frame is predicted from.
+
+    Args:
+        target: 1 .. T - 1; with an estimate, one of the case's targets
+        now, before: (N, 3) displacements [m] one and two frames before; read by scheme = "step" alone
+    """
+    skeleton, free = case.skeleton, case.skeleton.free[:, None]  # (N, 1)
+    given = case.trajectory.displacement[target].astype(np.float64)
+    base, unit = np.zeros_like(given), unit_of(case, target)
+    if case.estimate is not None:
+        base[:], answer = case.estimate.at(target)
+    if config.scheme == "pose":
+        shown, velocity = np.where(free, base, given), np.zeros_like(given)
+        known = velocity if case.estimate is None else answer / unit
+    else:
+        shown = np.asarray(now, np.float64)
+        velocity = given - shown
+        known = shown - before if config.history else np.zeros_like(shown)
+        if case.estimate is None:
+            base = shown + known
+        else:
+            known = base - shown
+    graph = build_graph(skeleton, skeleton.rest + shown, velocity, config.contact_radius, known)
+    return Sample(graph, base, unit)
+
+
+def unit_of(case: Case, target: int) -> float:
+    """The unit [m] of a frame's output: 1 without an estimate."""
+    if case.estimate is None:
+        return 1.0
+    answer = case.estimate.at(target)[1][case.skeleton.free].astype(np.float64)
+    return max(SMALLEST, float(np.sqrt((answer**2).sum(axis=1).mean())))
+
+
+def sample(case: Case, frame: int, config: TrainConfig, generator: torch.Generator) -> tuple[Graph, Tensor]:
+    """The graph from which the frame after a given one is predicted, and what a network should say (N, 3) in the sample's unit.
+
+    Args:
+        frame: from 0 to T - 2; for scheme = "step" it is the one that is shown, disturbed
+        config: its scheme, contact_radius and noise are used; without noise the frame and the generator are left alone
+    """
+    displacement, free = case.trajectory.displacement, case.skeleton.free
+    now = displacement[frame].astype(np.float64)
+    if config.noise and config.scheme == "step":
+        disturbance = config.noise * torch.randn(now.shape, generator=generator).numpy()
+        now = now + np.where(free[:, None], disturbance, 0.0)
+    shown = describe(case, frame + 1, now, displacement[max(frame - 1, 0)], config)
+    target = (displacement[frame + 1] - shown.base) / shown.unit
+    return shown.graph, torch.from_numpy(target.astype(np.float32))
+
+
+def fit_normaliser(cases: Sequence[Case], config: TrainConfig) -> Normaliser:
+    """Scales from at most 1000 frames, spread evenly over the given (training) trajectories."""
+    frames = all_frames(cases)
+    frames = frames[np.unique(np.linspace(0, len(frames) - 1, FIT_FRAMES).astype(int))]
+    generator = torch.Generator().manual_seed(0)
+    moments = {name: Moments() for name in (*INPUTS, "velocity")}
+    for which, frame in frames.tolist():
+        graph, velocity = sample(cases[which], frame, config, generator)
+        for name in INPUTS:
+            moments[name].add(getattr(graph, name))
+        moments["velocity"].add(velocity[torch.from_numpy(cases[which].skeleton.free)].reshape(-1, 1))
+    floor = 1e-6 * float(moments["mesh_edge"].mean[3])
+    scale = moments["velocity"].mean_square.sqrt().float()
+    tables = {name: moments[name].table(floor) for name in INPUTS}
+    return Normaliser(**tables, velocity=torch.where(scale > floor, scale, 1.0))
+
+
+class Moments:
+    """Running count, sum and sum of squares of features, in double precision."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.sum = self.square = torch.zeros(1, dtype=torch.float64)
+
+    def add(self, features: Tensor) -> None:
+        """Take in (M, F) values, M = 0 included."""
+        values = features.double()
+        self.count += len(values)
+        self.sum = self.sum + values.sum(dim=0)
+        self.square = self.square + (values * values).sum(dim=0)
+
+    @property
+    def mean(self) -> Tensor:
+        """(F,) means, zero before any value."""
+        return self.sum / max(self.count, 1)
+
+    @property
+    def mean_square(self) -> Tensor:
+        """(F,) means of the squares, zero before any value."""
+        return self.square / max(self.count, 1)
+
+    def table(self, floor: float) -> Tensor:
+        """(2, F) float32 mean and standard deviation; a deviation below the floor is rounding, not signal, and becomes 1."""
+        deviation = (self.mean_square - self.mean**2).clamp(min=0).sqrt()
+        return torch.stack([self.mean, torch.where(deviation > floor, deviation, 1.0)]).float()
+
+
+def all_frames(cases: Sequence[Case]) -> NDArray[np.int64]:
+    """(samples, 2) every pair of a case's number and a frame before one of its targets."""
+    return np.concatenate([np.stack([np.full(len(case.targets), which), case.targets - 1], axis=1)
+                           for which, case in enumerate(cases)])
+
+
+def chances(cases: Sequence[Case]) -> Tensor | None:
+    """(samples,) how often each pair of `all_frames` is to be drawn; None where all are alike, without estimates.
+
+    The error of a path is the root mean square over its frames, and what counts is its mean over paths. Its derivative by the
+    mean square error of a frame, in units c_f of that frame, is in proportion to c_f^2 / (root mean square of c over the path).
+    Half of the draws follow that, half are even.
+    """
+    shares = []
+    for case in cases:
+        if case.estimate is None:
+            return None
+        unit = np.array([unit_of(case, frame) for frame in case.targets.tolist()])
+        shares.append(unit**2 / np.sqrt(np.mean(unit**2)))
+    share = np.concatenate(shares)
+    return torch.from_numpy(np.minimum(share / share.mean(), OFTENEST) + 1)
+
+
+def fingerprint(cases: Sequence[Case]) -> str:
+    """SHA-256 over rest positions and displacements: tells whether two trainings saw the same data."""
+    digest = hashlib.sha256()
+    for case in cases:
+        digest.update(np.ascontiguousarray(case.trajectory.points, "<f8").tobytes())
+        digest.update(np.ascontiguousarray(case.trajectory.displacement, "<f4").tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,6 @@
+"""How are weights found, stopped and gone on with?
+
+    processes   several processes on one training
+    curve       what a training says of itself as it goes
+    train       the loop
+"""

@@ -1,0 +1,9 @@
+"""What energy, forces and stiffness has a deformed body?
+
+    material     the strain-energy densities W(F)
+    element      where the energy of a cell is sampled
+    kernel       W and its derivatives for eight cells at once, compiled
+    elasticity   energy, forces, tangent stiffness and mass of a body
+    stress       Piola-Kirchhoff and von Mises stress
+    supports     what is held and loaded, and which rigid motions that leaves
+"""

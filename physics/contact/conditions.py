@@ -1,0 +1,228 @@
+"""Frictionless contact of a body's surface with a rigid obstacle.
+
+Contact is felt at points of the surface, x_q = sum_a w_qa x_a over the nodes of a facet, each standing for an area A_q
+of the rest surface. Gap g_q (obstacle.py) and contact force p_q >= 0 along the normal n_q obey
+
+    g_q + c_q p_q >= 0,   p_q >= 0,   p_q (g_q + c_q p_q) = 0,   c_q = 1 / (k A_q)
+
+which for k -> infinity are the exact (Signorini) conditions. k is chosen so large that the penetration c_q p_q stays
+far below the size of a cell, and so small that forces at neighbouring points remain unique.
+
+With a stiffness K, internal forces f and outer ones b, one Newton step is a linear complementarity problem in p
+alone: its matrix is the compliance G K^-1 G^T + diag(c) of the points that are near the obstacle (G holds w_qa n_q).
+It is solved exactly by a primal-dual active set (Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2003), so touching
+and lifting cost no Newton steps and the factor of K never has to know of contact.
+
+Legend: N nodes, Q points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+import scipy.sparse
+from numpy.typing import NDArray
+
+from physics.contact.obstacles import Rigid
+from physics.mesh.mesh import Mesh
+from physics.schema import InputError
+
+Floats = NDArray[np.float64]
+
+
+FINEST = 8  # parts of an edge
+
+
+class ContactSurface:
+    """The points of a body's surface where contact is felt.
+
+    Attributes:
+        weights: (Q, N) sparse interpolation from nodes to points
+        area: (Q,) [m2] of the rest surface
+    """
+
+    def __init__(self, mesh: Mesh, kind: str, held: NDArray[np.bool_], width: float = np.inf) -> None:
+        """Args: kind "facets" or "nodes"; held (N,): not in contact; width: smallest of the obstacle [m].
+
+        A quadrilateral has nine points and a triangle six, or, where the longest facet is longer than the obstacle is wide, so many
+        more that two points are nowhere further apart along an edge than half of the width.
+
+        Raises:
+            InputError: the obstacle is so thin that it could pass between the points
+        """
+        longest = max(float(np.linalg.norm(mesh.points[facets] - mesh.points[np.roll(facets, 1, axis=1)], axis=2).max())
+                      for facets in mesh.surface if len(facets))
+        divisions = int(np.ceil(longest / width * (1 - 1e-9))) or 1
+        if kind == "nodes" and divisions > 1:
+            raise InputError(f"obstacle: {width:.3g} m wide, it could pass between nodes {longest:.3g} m apart; give smaller cells, or "
+                             "leave out contact = \"nodes\"")
+        if divisions > FINEST:
+            raise InputError(f"obstacle: {width:.3g} m wide, it is smaller than 1/{FINEST} of a cell's edge of {longest:.3g} m; "
+                             "give smaller cells")
+        rows, columns, values, area = _points(mesh, divisions)
+        weights = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(area), len(mesh.points)))
+        if kind == "nodes":
+            area = weights.T @ area
+            weights = scipy.sparse.identity(len(mesh.points), format="csr")
+        else:
+            weights, area = _merged(weights, area)
+        free = (area > 0) & ~((weights @ held.astype(float)) > 1 - 1e-9)
+        self.weights, self.area = weights[free], area[free]
+
+    def positions(self, x: Floats) -> Floats:
+        """(Q, 3) positions of the points for nodes at (N, 3)."""
+        return self.weights @ x
+
+
+def _points(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
+    """Point number, node and weight triplets, and areas, of the points of all facets, each facet divided along its edges."""
+    rows, columns, values, areas, count = [], [], [], [], 0
+    rules = {4: _on_quadrilateral(divisions), 3: _on_triangle(divisions)}
+    for facets in mesh.surface:
+        shape, share = rules[facets.shape[1]]
+        corner = mesh.points[facets]
+        if facets.shape[1] == 3:
+            size = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
+        else:
+            size = np.linalg.norm(np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]), axis=1) / 2
+        q = count + np.arange(len(facets) * len(share)).reshape(len(facets), len(share))
+        point, node = np.broadcast_arrays(q[:, :, None], facets[:, None, :])
+        weight = np.broadcast_to(shape, point.shape)
+        rows.append(point.ravel())
+        columns.append(node.ravel())
+        values.append(weight.ravel())
+        areas.append((size[:, None] * share).ravel())
+        count += q.size
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(values), np.concatenate(areas)
+
+
+def _on_quadrilateral(divisions: int) -> tuple[Floats, Floats]:
+    """Shape functions (P, 4) and shares of the area (P,) of Simpson's rule: of each part corners, middles of edges, centre.
+
+    All shares are positive, and a pressure that is linear over a facet gives its exact nodal forces; so on triangles.
+    """
+    along = np.linspace(0, 1, 2 * divisions + 1)
+    one, share = np.stack([1 - along, along], axis=1), np.tile([2.0, 4.0], divisions + 1)[:-1]
+    share[[0, -1]] = 1
+    return (np.einsum("ia,jb->ijab", one, one).reshape(-1, 4)[:, [0, 2, 3, 1]],
+            np.outer(share, share).ravel() / (6 * divisions) ** 2)
+
+
+def _on_triangle(divisions: int) -> tuple[Floats, Floats]:
+    """Shape functions (P, 3) and shares of the area (P,): of each part corners (1/12) and middles of edges (1/4)."""
+    ends = 2 * divisions
+    share = np.zeros((ends + 1, ends + 1))
+    upright = [(2 * i, 2 * j, 1) for i in range(divisions) for j in range(divisions - i)]
+    upside_down = [(2 * i, 2 * j, -1) for i in range(1, divisions) for j in range(1, divisions - i + 1)]
+    for i, j, turn in (*upright, *upside_down):
+        for a, b, part in ((0, 0, 1), (2, 0, 1), (0, 2, 1), (1, 0, 3), (0, 1, 3), (1, 1, 3)):
+            share[i + turn * a, j + turn * b] += part / 12 / divisions**2
+    s, t = np.argwhere(share > 0).T
+    return np.stack([ends - s - t, s, t], axis=1) / ends, share[s, t]
+
+
+def _merged(weights: scipy.sparse.csr_matrix, area: Floats) -> tuple[scipy.sparse.csr_matrix, Floats]:
+    """Points that several facets share, made one, with the sum of their areas."""
+    weights.eliminate_zeros()
+    weights.sort_indices()
+    key = np.zeros((weights.shape[0], 9))
+    key[:, 0] = np.diff(weights.indptr)
+    for i in range(4):
+        has = key[:, 0] > i
+        at = weights.indptr[:-1][has] + i
+        key[has, 2 * i + 1], key[has, 2 * i + 2] = weights.indices[at] + 1, weights.data[at].round(9)
+    _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    return weights[first], np.bincount(group.ravel(), weights=area).astype(np.float64)
+
+
+def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_], *, definite: bool = True) -> Floats:
+    """p >= 0 with w = gap + matrix p >= 0 and p . w = 0, for a symmetric matrix (Q, Q).
+
+    Starts from a guess (Q,) of the points in contact. Where the active set of a positive definite matrix goes round in
+    circles, the equivalent least-squares problem with p >= 0 is solved instead, which always ends.
+
+    Raises:
+        np.linalg.LinAlgError: the matrix is not what it is said to be, or, where it is not definite, no set was found
+    """
+    active = guess.copy()
+    for _ in range(50):
+        p = np.zeros(len(gap))
+        if active.any():
+            index = np.flatnonzero(active)
+            p[index] = scipy.linalg.solve(matrix[np.ix_(index, index)], -gap[index], assume_a="pos" if definite else "sym",
+                                          check_finite=False)
+        w = gap + matrix @ p
+        following = np.where(active, p > 0, w < 0)
+        if (following == active).all():
+            return p
+        active = following
+    if not definite:
+        raise np.linalg.LinAlgError("the points in contact could not be found")
+    lower = np.linalg.cholesky(matrix)
+    return scipy.optimize.nnls(lower.T, -scipy.linalg.solve_triangular(lower, gap, lower=True))[0]
+
+
+class Contact:
+    """Contact between a surface and an obstacle: who is near, what the gaps are, what the forces do."""
+
+    def __init__(self, surface: ContactSurface, obstacle: Rigid, rest: Floats, stiffness: float) -> None:
+        """Args: rest (N, 3) rest positions [m]; stiffness k [Pa/m] of a unit area."""
+        self.surface, self.obstacle, self.rest = surface, obstacle, rest
+        self.softness = 1.0 / (stiffness * surface.area)  # (Q,) c_q [m/N]
+
+    def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
+        """Gaps (Q,) [m] and normals (Q, 3) at displacements (N, 3)."""
+        return self.obstacle.gap(self.surface.positions(self.rest + u), centre)
+
+    def forces(self, pressure: Floats, normal: Floats) -> Floats:
+        """Nodal forces (N, 3) [N] of point forces (Q,) along normals (Q, 3)."""
+        return self.surface.weights.T @ (pressure[:, None] * normal)
+
+    def zone(self, u: Floats, centre: Floats, reach: float) -> Zone:
+        """The points whose gap is below a reach [m]."""
+        return Zone(self, u, centre, reach)
+
+
+class Zone:
+    """The part of a surface near an obstacle: for as long as `covers` says so, all that contact has to look at.
+
+    points: (q,) of the surface; nodes: (m,) behind them; weights: (q, m) dense; softness: (q,) [m/N]
+    made_at, made_with: the displacements (N, 3) and the obstacle's centre (3,) that it was made for
+    """
+
+    def __init__(self, contact: Contact, u: Floats, centre: Floats, reach: float) -> None:
+        self._contact, self.made_at, self.made_with, self._reach = contact, u, centre, reach
+        self.points = np.flatnonzero(contact.gaps(u, centre)[0] < reach)
+        rows = contact.surface.weights[self.points]
+        self.nodes = np.unique(rows.indices).astype(np.int64)
+        self.weights = rows[:, self.nodes].toarray()
+        self.softness = contact.softness[self.points]
+        self._rest = contact.rest[self.nodes]
+
+    def covers(self, u: Floats, centre: Floats, near: float) -> bool:
+        """True when no point outside of the zone can have a gap below `near` [m]."""
+        change = u - self.made_at
+        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self.made_with)
+        return bool(moved <= self._reach - near)
+
+    def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
+        """Gaps (q,) [m] and normals (q, 3) at displacements (N, 3)."""
+        return self._contact.obstacle.gap(self.weights @ (self._rest + u[self.nodes]), centre)
+
+    def forces(self, pressure: Floats, normal: Floats) -> Floats:
+        """(m, 3) forces [N] on the zone's nodes of point forces (q,) along normals (q, 3)."""
+        return self.weights.T @ (pressure[:, None] * normal)
+
+    def gradient(self, points: NDArray[np.int64], nodes: NDArray[np.int64], normal: Floats) -> Floats:
+        """G (k, 3 n): derivative of the gaps of k of its points by the components of n of its nodes that hold all of theirs."""
+        weights = self.weights[points[:, None], nodes]  # (k, n)
+        return (weights[:, :, None] * normal[points][:, None, :]).reshape(len(points), -1)
+
+    def bend(self, points: NDArray[np.int64], nodes: NDArray[np.int64], pressure: Floats, u: Floats, centre: Floats) -> Floats:
+        """B (b, 3 n): forces (k,) on a round obstacle take B^T B from the stiffness of n nodes, for their normals turn."""
+        weights = self.weights[points[:, None], nodes]  # (k, n)
+        positions = weights @ (self._rest + u[self.nodes])[nodes]
+        rows = self._contact.obstacle.bend(positions, centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
+        rows = weights[:, None, :, None] * rows[:, :, None, :]  # (k, 2, n, 3)
+        return rows[rows.any(axis=(2, 3))].reshape(-1, 3 * len(nodes))

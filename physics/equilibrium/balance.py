@@ -1,0 +1,113 @@
+"""The equations of a scene: f(u) = b + sum_q p_q n_q on the free components of the displacement u.
+
+f = dW/du are the internal forces (elasticity.py), b the dead loads, p_q >= 0 the forces of contact (contact.py); held
+components follow their prescription. Loads and prescribed displacements grow linearly with the fraction 0 .. 1 of the
+loading, the obstacle is on its path. Legend: N nodes, Q contact points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physics.body.elasticity import Elasticity
+from physics.body.supports import held, prescribed, rigid_motions_left, traction_load
+from physics.contact.conditions import Contact, ContactSurface
+from physics.contact.obstacles import Rigid
+from physics.mesh.mesh import Mesh
+from physics.scene import Scene
+from physics.schema import InputError
+
+Floats = NDArray[np.float64]
+
+GAP_TOLERANCE = 1e-6  # error of a gap over the size of a cell
+CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
+
+
+class Balance:
+    """The equations of one scene on one mesh.
+
+    Attributes:
+        fixed: (N, 3) True on held components; target: (N, 3) their displacements at the last step [m]
+        load: (N, 3) dead loads at the last step [N]
+        elasticity: internal forces; contact: None without an obstacle
+        size: of a cell [m]
+        floor: force [N] below which rounding in f(u) takes over
+        bearing: nodes whose forces are the reaction when there is no obstacle: of supports that move, else of all of them
+    """
+
+    def __init__(self, scene: Scene, mesh: Mesh, *, method: str | None = None, spread: bool = False) -> None:
+        """Args: method, spread: of the linear algebra, as in `factor.solver_for`.
+
+        Raises:
+            InputError: the body is free to move, or the obstacle starts inside of it
+        """
+        self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
+        self.fixed, self.target = held(scene, mesh), prescribed(scene, mesh)
+        self.bearing = np.flatnonzero(self.target.any(axis=1) if self.target.any() else self.fixed.any(axis=1))
+        self.elasticity = Elasticity(mesh, scene.material, self.fixed, scene.body.element)
+        self.load = traction_load(scene, mesh)
+        for load in scene.load:
+            if load.acceleration is not None:
+                self.load += self.elasticity.weight(np.array(load.acceleration))
+        self.contact: Contact | None = None
+        if scene.obstacle is not None:
+            rigid = Rigid(scene.obstacle)
+            surface = ContactSurface(mesh, scene.obstacle.contact, self.fixed.all(axis=1), rigid.width)
+            stiffness = CONTACT_STIFFNESS * scene.material.young_modulus / self.size
+            self.contact = Contact(surface, rigid, mesh.points, stiffness)
+        # eps E h L: strains come from differences of positions that differ by up to the largest extent L.
+        self.floor = 1e3 * float(np.finfo(float).eps) * scene.material.young_modulus * self.size * float(np.ptp(mesh.points))
+        self._check()
+
+    def rests(self, fraction: float) -> bool:
+        """True when the rest state is in balance: nothing loads, moves or touches the body."""
+        if self.load.any() or self.target.any():
+            return False
+        return self.clearance(fraction) >= -GAP_TOLERANCE * self.size
+
+    def clearance(self, fraction: float) -> float:
+        """Smallest gap [m] between the body at rest and the obstacle."""
+        if self.contact is None:
+            return float("inf")
+        return float(self.contact.gaps(np.zeros_like(self.mesh.points), self.contact.obstacle.position(fraction))[0].min(initial=np.inf))
+
+    def stride(self, start: float, end: float) -> float:
+        """How far the obstacle moves between two fractions of the loading, over what is safe for one step.
+
+        An obstacle that moves by half of its own width, or of the body's, could pass through without touching at either end.
+        """
+        if self.contact is None:
+            return 0.0
+        obstacle = self.contact.obstacle
+        between = np.unique([start, *np.linspace(0, 1, len(obstacle.path)), end])
+        way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
+        safe = min(obstacle.width, float(np.ptp(self.mesh.points, axis=0).min())) / 2
+        return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe
+
+    def _check(self) -> None:
+        free = rigid_motions_left(self.mesh, self.fixed)
+        if free and not self.scene.steps.dynamic and (self.contact is not None or self.load.any() or self.target.any()):
+            raise InputError(f"support: {free} rigid motion{'s' if free > 1 else ''} of the body left free; fix more components")
+        inside = -self.clearance(0.0)
+        if inside > GAP_TOLERANCE * self.size:
+            raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
+
+
+def cell_size(mesh: Mesh) -> float:
+    """The median length of the mesh's edges [m]."""
+    return float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
+
+
+def cells_said(scene: Scene) -> str:
+    """What a body is meshed with, in words."""
+    element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
+    return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of first order{element}"
+
+
+def contact_said(scene: Scene) -> str:
+    """How contact is treated, in words."""
+    if scene.obstacle is None:
+        return "none: the scene has no obstacle"
+    points = "points of the surface facets" if scene.obstacle.contact == "facets" else "surface nodes"
+    return f"frictionless at {points}, rigid {scene.obstacle.shape}; nothing is solved before it touches"

@@ -1,0 +1,144 @@
+"""Quasi-static path following: the equilibria of a body while loads, supports and a rigid obstacle advance.
+
+What balances what stands in balance.py, how one equilibrium is found in newton.py, when small strain is enough in small_strain.py.
+Inertia is left out: the loading is taken to be slow (motion/inertia.py). Each equilibrium starts from a polynomial through the last
+states, of the order that would have predicted the last one best. Before anything touches or loads the body nothing is solved.
+
+A step without an equilibrium is taken in two halves, down to 2^-HALVINGS of a step; then the body is left to itself (snap.py).
+Where it does not come to rest the path ends with a clear failure that keeps what was solved before. A step in which the
+obstacle could jump through the body is halved beforehand.
+
+Legend: N nodes, Q contact points.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physics.equilibrium.balance import Balance, cells_said, contact_said
+from physics.equilibrium.extrapolation import HALVINGS, best_order, extrapolate
+from physics.equilibrium.journal import Arrays
+from physics.equilibrium.newton import Newton, NoEquilibrium, State
+from physics.equilibrium.small_strain import LINEAR_TOLERANCE, choose
+from physics.equilibrium.snap import Relaxation
+from physics.mesh.mesh import Mesh
+from physics.scene import Scene
+
+Floats = NDArray[np.float64]
+
+class Path:
+    """The way through the equilibria of a scene."""
+
+    def __init__(self, scene: Scene, mesh: Mesh, *, method: str | None = None, spread: bool = False) -> None:
+        """Args: method, spread: of the linear algebra, as in `factor.solver_for`."""
+        self._finite = Balance(scene, mesh, method=method, spread=spread)
+        self.linear, self.kinematics = choose(scene, mesh, self._finite)  # as long as small strain is enough, and why it is not
+        self.linear_steps = 0
+        self.newton = self.linear.newton if self.linear else Newton(self._finite)
+        self.balance = self.newton.balance
+        contact = self.balance.contact
+        self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(0 if contact is None else len(contact.surface.area)))]
+        self.order, self.halvings = 0, 0
+        self.snap, self.released = 0.0, 0.0  # since the last frame
+
+    def advance(self, fraction: float, depth: int = 0) -> State:
+        """The equilibrium at a later fraction of the loading, in two halves where it cannot be had in one."""
+        last = self.states[-1]
+        if self.balance.stride(last.fraction, fraction) > 1:
+            self.advance((last.fraction + fraction) / 2, depth)
+            return self.advance(fraction, depth)
+        if not last.u.any() and self.balance.rests(fraction):
+            return self._append(State(fraction, last.u, last.pressure))
+        try:
+            if self.linear is not None and self.balance.contact is None:
+                state = self.linear.scaled(fraction)
+            else:
+                state = self.newton.equilibrium(fraction, self._predict(fraction), last)
+            if self.linear is None or self.linear.holds(state.u):
+                return self._append(state)
+        except NoEquilibrium as error:
+            if depth == HALVINGS and (self.linear is None or self.linear.asked):
+                return self._snap(fraction, error)
+        if self.linear is not None and not self.linear.asked:
+            self._leave_linear()
+            return self.advance(fraction, depth)
+        self.halvings += 1
+        self.advance((last.fraction + fraction) / 2, depth + 1)
+        return self.advance(fraction, depth + 1)
+
+    def _leave_linear(self) -> None:
+        assert self.linear is not None
+        self.kinematics = (f"finite strain after {self.linear_steps} steps of linear elasticity, which in the next one would have been "
+                           f"off by {self.linear.error:.1e} of the largest displacement, {LINEAR_TOLERANCE:g} is allowed")
+        self.linear, self.newton, self.balance = None, Newton(self._finite), self._finite
+
+    def frame(self) -> Arrays:
+        """What is reported of the last state; each of the arrays is a row of one in `Solution`."""
+        state, snap, released = self.states[-1], self.snap, self.released
+        self.snap = self.released = 0.0
+        self.linear_steps += self.linear is not None and state.fraction > 0
+        energy = self.balance.elasticity.energy(state.u) if state.u.any() else 0.0
+        found: dict[str, Any] = {
+            "displacement": state.u, "reaction": state.reaction, "energy": energy, "penetration": state.penetration,
+            "newton_iterations": state.iterations, "relative_residual": state.residual, "snap": snap, "released": released}
+        return {name: np.asarray(value) for name, value in found.items()}
+
+    def memory(self) -> Arrays:
+        """All that the rest of the path depends on: what `recall` takes."""
+        kept = {name: np.array([getattr(state, name) for state in self.states]) for name in ("fraction", "u", "pressure")}
+        kept |= {name: np.array(getattr(self, name)) for name in ("order", "halvings", "linear_steps", "kinematics")}
+        if self.linear is not None:
+            kept |= self.linear.memory()
+        return kept | {f"newton_{name}": array for name, array in self.newton.memory().items()}
+
+    def recall(self, memory: Arrays) -> None:
+        """Go on as the path whose memory this is would have, to the last bit."""
+        self.states = [State(float(fraction), u, pressure)
+                       for fraction, u, pressure in zip(memory["fraction"], memory["u"], memory["pressure"], strict=True)]
+        self.order, self.halvings, self.linear_steps = (int(memory[name]) for name in ("order", "halvings", "linear_steps"))
+        if self.linear is not None and "linear" not in memory:
+            self.linear, self.newton, self.balance = None, Newton(self._finite), self._finite
+        elif self.linear is not None:
+            self.linear.recall(memory)
+        self.kinematics = str(memory["kinematics"])
+        self.newton.recall({name.removeprefix("newton_"): array for name, array in memory.items() if name.startswith("newton_")})
+
+    def _snap(self, fraction: float, error: NoEquilibrium) -> State:
+        """The equilibrium that the body moves to when the path of the last one ends."""
+        try:
+            state, moved, released = Relaxation(self.balance).settle(fraction, self.states[-1], self.newton)
+        except NoEquilibrium as lost:
+            raise NoEquilibrium(f"{error} after {HALVINGS} halvings; {lost}; {self._advice()}") from None
+        self.snap, self.released = max(self.snap, moved), self.released + released
+        self.states, self.order = [state], 0
+        return state
+
+    def model(self) -> dict[str, str]:
+        """What is modelled, and why, in words."""
+        scene, kinematics = self.balance.scene, self.kinematics
+        if self.linear is not None:
+            kinematics = self.linear.said(self.states[-1].u)
+        said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells_said(scene)}",
+                "contact": contact_said(scene)}
+        return said | {"factor": self.newton.factor.name}
+
+    def _predict(self, fraction: float) -> Floats:
+        """Extrapolated displacements (N, 3), held components on their prescription."""
+        return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), fraction * self.balance.target)
+
+    def _append(self, state: State) -> State:
+        """Keep a state, and choose the order of extrapolation that would have foreseen it best."""
+        self.order = best_order(self.states, state)
+        self.states = [*self.states[-3:], state]
+        return state
+
+    def _advice(self) -> str:
+        count = self.balance.scene.steps.count
+        if self.balance.contact is None:
+            return f"ask for more than {count} steps"
+        path = self.balance.contact.obstacle.path
+        stride = np.linalg.norm(np.diff(path, axis=0), axis=1).max(initial=0) * max(1, len(path) - 1) / count
+        return f"the obstacle moves {stride / self.balance.size:.2g} cell sizes in one step"

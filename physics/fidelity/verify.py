@@ -1,0 +1,167 @@
+"""A predicted trajectory held against finite elements: against a reference trajectory, and against the equations.
+
+Against the reference: root mean square errors, mesh quality (quality.py), energy, reaction and stress (stress.py). Against the
+equations, needing no reference:
+- residual force: what is missing to equilibrium at each frame, f(u) - b - sum_q p_q n_q on the free components, for the
+  contact forces p >= 0 at touching points that leave the least of it (a non-negative least-squares problem). A point
+  touches when its gap is below TOUCHING cell sizes. The reference for its size is the largest reaction of the trajectory.
+- estimated error |K^-1 R|: one Newton step from the prediction, contact included, is about what it lacks to the equilibrium
+  nearby. Its effectivity, estimated over true error, says whether that may be believed: 1 is perfect.
+- penetration of the obstacle, smallest det F and inverted cells.
+A frame of an FE solution scores the solver's tolerance, or the rounding of the file that it was stored in.
+
+Legend: T frames (the rest state first), N body nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import ArrayLike, NDArray
+
+from physics.body.stress import von_mises
+from physics.equilibrium.balance import Balance
+from physics.equilibrium.newton import Newton, NoEquilibrium
+from physics.mesh import quality
+from physics.mesh.mesh import Mesh
+from physics.scene import Scene
+
+Floats = NDArray[np.float64]
+TOUCHING = 0.05  # of a cell size
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fidelity:
+    """How far a prediction is from the truth; lengths in metres. "free": nodes that are neither held nor obstacle."""
+
+    rmse_1: float  # free nodes, one step from the true state before; without such predictions, the first step alone
+    rmse_50: float  # free nodes, steps 1 .. 50 of the rollout
+    rmse_all: float  # free nodes, all steps
+    rmse_1_pooled: float  # the same over all nodes of the body, held ones too
+    rmse_50_pooled: float
+    rmse_all_pooled: float
+    gf_h: float  # mean over steps of the Hausdorff distance
+    gf_c: float  # [m2] mean over steps of the Chamfer distance
+    mc: float  # mean over steps of the error of mesh continuity
+    ar: float  # mean over steps of the error of aspect ratio
+    relative_residual: float  # root mean square over the checked frames of |R| / largest reaction
+    energy_error: float  # root mean square over the checked frames, over the largest energy of the reference
+    reaction_error: float  # root mean square over the checked frames, over the largest reaction of the reference
+    stress_error: float  # von Mises at the cells' centres: root mean square over cells and checked frames, over that of the reference
+    estimated_error: float  # free nodes, root mean square over the checked frames; infinite where no step can be made
+    effectivity: float  # estimated over true error of the checked frames; not a number when there is no error
+    largest_penetration: float
+    smallest_det_f: float
+    smallest_scaled_jacobian: float
+    inverted_elements: int  # in the worst frame
+    worst_step: int  # with the largest error of free nodes
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What the equations say about one frame."""
+
+    residual: float  # [N] missing to equilibrium on free components
+    reaction: Floats  # (3,) [N] of the body on the obstacle; without one, on its supports
+    energy: float  # [J] stored
+
+
+class Checker:
+    """The equations of one scene, ready to check any displacement of its body."""
+
+    def __init__(self, scene: Scene, mesh: Mesh) -> None:
+        self.balance = Balance(scene, mesh)
+        self._newton = Newton(self.balance)
+
+    def frame(self, u: Floats, fraction: float) -> Frame:
+        """Displacements (N, 3) at a fraction of the loading, held against the equations."""
+        balance = self.balance
+        force = balance.elasticity.force(u) - fraction * balance.load
+        free, energy = ~balance.fixed, balance.elasticity.energy(u)
+        if balance.contact is None:
+            return Frame(float(np.linalg.norm(force[free])), -force[balance.bearing].sum(axis=0), energy)
+        reaction, centre = np.zeros(3), balance.contact.obstacle.position(fraction)
+        zone = balance.contact.zone(u, centre, TOUCHING * balance.size)
+        if len(zone.points) and np.isfinite(force).all():
+            _, normal = zone.gaps(u, centre)
+            movable = free[zone.nodes]  # (m, 3)
+            points, nodes = np.arange(len(zone.points)), np.arange(len(zone.nodes))
+            pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
+            p = scipy.optimize.nnls(pull, force[zone.nodes][movable], maxiter=100 * len(points))[0]
+            force[zone.nodes] -= zone.forces(p, normal)
+            reaction = -p @ normal
+        return Frame(float(np.linalg.norm(force[free])), reaction, energy)
+
+    def correction(self, u: Floats, fraction: float) -> Floats:
+        """(N, 3) one Newton step from displacements (N, 3), contact included; infinite where none can be made."""
+        try:
+            return self._newton.correction(fraction, u)
+        except NoEquilibrium:
+            return np.full_like(u, np.inf)
+
+    def penetration(self, u: Floats, fraction: float) -> float:
+        """Largest penetration [m] of the obstacle at displacements (N, 3)."""
+        contact = self.balance.contact
+        if contact is None:
+            return 0.0
+        return max(0.0, -float(contact.gaps(u, contact.obstacle.position(fraction))[0].min()))
+
+
+def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene, mesh: Mesh, free: NDArray[np.bool_],
+           one_step: ArrayLike | None = None, sample: int | None = None) -> Fidelity:
+    """Hold a predicted trajectory against a reference and against the equations.
+
+    Args:
+        prediction, reference: (T, N, 3) displacements of the body [m]
+        free: (N,) True on nodes that are not held
+        one_step: (T - 1, N, 3) predictions of frames 1 .. T - 1, each made from the true frame before it
+        sample: check the equations at about this many frames, evenly spaced; at all of them by default
+    """
+    u, truth = np.asarray(prediction, np.float64), np.asarray(reference, np.float64)
+    steps = len(u) - 1
+    first = u[1:2] if one_step is None else np.asarray(one_step, np.float64)
+    of_first = truth[1:len(first) + 1]
+    predicted, true = mesh.points + u[1:], mesh.points + truth[1:]
+    error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))  # (T,)
+
+    checker = Checker(scene, mesh)
+    frames = np.unique(np.linspace(1, steps, min(steps, sample or steps)).round().astype(int))
+    found = [checker.frame(u[t], t / steps) for t in frames]
+    due = [checker.frame(truth[t], t / steps) for t in frames]
+    reaction = max(float(np.linalg.norm(frame.reaction)) for frame in due) or np.nan  # no force, no ratio to it
+    energy = max(frame.energy for frame in due) or np.nan
+    lacking = np.array([checker.correction(u[t], t / steps)[free] for t in frames])
+    estimated, missed = _rms(np.linalg.norm(lacking, axis=2)), _rms(error[frames])
+    stress = np.array([[von_mises(mesh, of[t], scene.material) for t in frames] for of in (u, truth)])  # (2, frames, C)
+    cells = (mesh.cells, mesh.cell)
+    distances = np.array([quality.set_distances(a, b) for a, b in zip(predicted, true, strict=True)])
+    det = quality.det_f(mesh.points, u, *cells)
+    return Fidelity(
+        rmse_1=quality.rmse(first, of_first, free), rmse_50=quality.rmse(u[1:51], truth[1:51], free),
+        rmse_all=quality.rmse(u[1:], truth[1:], free), rmse_1_pooled=quality.rmse(first, of_first),
+        rmse_50_pooled=quality.rmse(u[1:51], truth[1:51]), rmse_all_pooled=quality.rmse(u[1:], truth[1:]),
+        gf_h=float(distances[:, 0].mean()), gf_c=float(distances[:, 1].mean()),
+        mc=float(np.mean(quality.mesh_continuity_error(predicted, true, *cells))),
+        ar=float(np.mean(quality.aspect_ratio_error(predicted, true, *cells))),
+        relative_residual=_rms([frame.residual for frame in found]) / reaction,
+        energy_error=_rms([a.energy - b.energy for a, b in zip(found, due, strict=True)]) / energy,
+        reaction_error=_rms([np.linalg.norm(a.reaction - b.reaction) for a, b in zip(found, due, strict=True)]) / reaction,
+        stress_error=_rms(stress[0] - stress[1]) / (_rms(stress[1]) or np.nan),
+        estimated_error=estimated, effectivity=estimated / missed if missed else np.nan,
+        largest_penetration=max(checker.penetration(u[t], t / steps) for t in range(1, steps + 1)),
+        smallest_det_f=float(det.min()), smallest_scaled_jacobian=float(quality.scaled_jacobian(predicted, *cells).min()),
+        inverted_elements=int(np.count_nonzero(~(det > 0), axis=-1).max()), worst_step=int(np.argmax(error)))
+
+
+def _rms(values: ArrayLike) -> float:
+    """Root mean square; infinite where something is not a number, as beyond a cell turned inside out."""
+    value = float(np.sqrt(np.mean(np.square(values))))
+    return value if np.isfinite(value) else float("inf")
+
+
+def as_table(fidelity: Fidelity) -> dict[str, Any]:
+    """The figures as plain numbers under the names of the command line."""
+    return dict(vars(fidelity))

@@ -1,0 +1,19 @@
+"""The mesh of a body, whatever its shape."""
+
+from __future__ import annotations
+
+from physics.mesh.boxes import box, rectangle
+from physics.mesh.channel import channel
+from physics.mesh.files import read_mesh
+from physics.mesh.mesh import Mesh
+from physics.scene import PLANE_CELLS, Body
+
+
+def build_mesh(body: Body) -> Mesh:
+    """The mesh of a body, built or read. Raises `InputError` when a file is not what it should be."""
+    if body.shape == "file":
+        assert body.path is not None
+        return read_mesh(body.path, order=body.order)
+    if body.shape == "channel":
+        return channel(body)
+    return rectangle(body) if body.cell in PLANE_CELLS else box(body)

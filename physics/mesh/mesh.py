@@ -1,0 +1,152 @@
+"""Points and cells of a body, its outer surface, and its named places.
+
+Cells are listed in gmsh's vertex order with positive volume, which is VTK's order for the cell types used here. Plane
+bodies lie in z = 0. Legend: N nodes, C cells, F facets, k corners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
+from numpy.typing import NDArray
+
+from physics.mesh.cell import CELLS
+from physics.schema import InputError, nearest
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+Parts = list[tuple[str, Integers]]  # kinds (keys of DIMENSION) with their node numbers (.., k)
+Entities = dict[int, Integers]  # (.., k) for each number of corners k, each row sorted
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A body's mesh of one cell type.
+
+    points: (N, 3) rest positions [m]
+    cells: (C, k) node numbers
+    cell: triangle, quadrilateral, tetrahedron, prism or hexahedron
+    places: sorted node numbers of each named place
+    parts: what each place of a file is made of; without it a place is made of the outer facets between its nodes
+    remarks: what was found odd when the mesh was read, a line each
+    """
+
+    points: Floats
+    cells: Integers
+    cell: str
+    places: dict[str, Integers]
+    parts: dict[str, Parts] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def dimension(self) -> int:
+        """3 for a solid body, 2 for a plane one."""
+        return CELLS[self.cell].dimension
+
+    @cached_property
+    def boundary(self) -> list[Integers]:
+        """Outer facets, outward by the right-hand rule: one array (F, k) for each number of corners k, if there are any."""
+        boundary = []
+        for n in (2, 3, 4):
+            local = [facet for facet in CELLS[self.cell].facets if len(facet) == n]
+            if not local:
+                continue
+            facets = np.concatenate([self.cells[:, list(facet)] for facet in local])
+            _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
+            boundary.append(facets[np.sort(first[count == 1])])
+        return boundary
+
+    @property
+    def surface(self) -> list[Integers]:
+        """What can be seen: the outer facets of a solid body, (F, 3) triangles and (F, 4) quadrilaterals; of a plane one all cells."""
+        return self.boundary if self.dimension == 3 else [self.cells]
+
+    @cached_property
+    def edges(self) -> Integers:
+        """(E, 2) edges of the cells, each once, the smaller node number first."""
+        return unique_edges(self.cells, self.cell)
+
+    def place(self, where: str) -> Integers:
+        """The sorted nodes of a place, or what several places with blanks between them have in common. Raises `InputError`."""
+        if where in self.places:
+            return self.places[where]
+        names = where.split()
+        for name in names if len(names) > 1 else [where]:
+            if name not in self.places:
+                known = ", ".join(self.places) or "none at all"
+                raise InputError(f"no place named {name!r} in the mesh: there are {known}{nearest(name, self.places)}")
+        common = self.places[names[0]]
+        for name in names[1:]:
+            common = np.intersect1d(common, self.places[name])
+        if not len(common):
+            raise InputError(f"the places {where!r} have no node in common")
+        return common
+
+    def facets(self, place: str) -> list[Integers]:
+        """The outer facets in a named place: those of a file's group, or those whose nodes all lie in a shape's face."""
+        if place in self.parts:
+            known = closure(self.parts[place])
+            return [facets[rows_in(facets, known.get(facets.shape[1], facets[:0]))] for facets in self.boundary]
+        inside = np.zeros(len(self.points), bool)
+        inside[self.place(place)] = True
+        return [facets[inside[facets].all(axis=1)] for facets in self.boundary]
+
+    def entities(self, where: str) -> Entities:
+        """The vertices, edges, faces and cells that a place is made of; see `place` for where."""
+        nodes = self.place(where)
+        if where in self.parts:
+            return closure(self.parts[where])
+        if where not in self.places:
+            first, *others = (self.entities(name) for name in where.split())
+            for other in others:
+                first = {k: rows[rows_in(rows, other[k])] for k, rows in first.items() if k in other}
+            return first
+        inside = np.zeros(len(self.points), bool)
+        inside[nodes] = True
+        outer: Parts = [(kind_of(facets), facets) for facets in self.boundary]
+        between = {k: rows[inside[rows].all(axis=1)] for k, rows in closure(outer).items()}
+        return between | {1: nodes[:, None]}
+
+
+def kind_of(facets: Integers) -> str:
+    """The kind of facets (F, k)."""
+    return {2: "line", 3: "triangle", 4: "quadrilateral"}[facets.shape[1]]
+
+
+def closure(parts: Parts) -> Entities:
+    """All vertices, edges and faces of some cells of any kinds, and the cells themselves, each once."""
+    found: dict[int, list[Integers]] = {}
+    for kind, cells in parts:
+        found.setdefault(1, []).append(cells.reshape(-1, 1))
+        for local in {*CELLS[kind].edges, *CELLS[kind].facets, tuple(range(cells.shape[1]))}:
+            found.setdefault(len(local), []).append(cells[:, list(local)])
+    return {k: np.unique(np.sort(np.concatenate(rows), axis=1), axis=0) for k, rows in found.items()}
+
+
+def rows_in(rows: Integers, table: Integers) -> NDArray[np.bool_]:
+    """For each row of node numbers (n, k) whether the table (m, k) has it, in any order of the numbers."""
+    both = np.sort(np.concatenate([rows, table]), axis=1)
+    key, base = both[:, 0], int(both.max(initial=0)) + 1
+    for column in both.T[1:]:
+        _, key = np.unique(key * base + column, return_inverse=True)
+    return np.isin(key[:len(rows)], key[len(rows):])
+
+
+def pieces(mesh: Mesh) -> list[Integers]:
+    """The nodes of each piece of a mesh that hangs together; one array of all of them in the usual case."""
+    n = len(mesh.points)
+    links = np.stack([np.repeat(mesh.cells[:, 0], mesh.cells.shape[1] - 1), mesh.cells[:, 1:].ravel()])
+    graph = scipy.sparse.coo_matrix((np.ones(links.shape[1], np.int8), links), shape=(n, n))
+    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    return [np.arange(n)] if count == 1 else [np.flatnonzero(label == i) for i in range(count)]
+
+
+def unique_edges(cells: Integers, cell: str) -> Integers:
+    """(E, 2) edges of some cells, each once, the smaller node number first."""
+    pairs = np.concatenate([cells[:, list(edge)] for edge in CELLS[cell].edges])
+    return np.unique(np.sort(pairs, axis=1), axis=0)

@@ -1,0 +1,46 @@
+"""Displacements carried from one mesh of a body to other points of it, by the shape functions.
+
+Legend: M points, N nodes of the mesh, T frames, k cells tried for each point, n nodes of a cell.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from physics.mesh.cell import CELLS
+from physics.mesh.mesh import Mesh
+
+Floats = NDArray[np.floating[Any]]
+CANDIDATES, NEWTON_STEPS = 24, 6
+
+
+def interpolate(mesh: Mesh, displacement: Floats, points: Floats) -> Floats:
+    """(T, M, 3) displacements at other rest points (M, 3), by the shape functions of the cell that holds each of them.
+
+    The cell is sought among the CANDIDATES with the nearest centres, by Newton's iteration on the isoparametric map.
+    (vtkProbeFilter of VTK 9.7.2 takes some points on the faces of prisms from outside of a wrong prism.)
+    Raises ValueError when a point lies in no cell by more than 1e-6 of the cell's size.
+    """
+    extent = np.ptp(mesh.points[mesh.cells], axis=1).mean(axis=0)  # of a cell along x, y, z: distances count in cells
+    centres = cKDTree(mesh.points[mesh.cells].mean(axis=1) / extent)
+    near = centres.query(points / extent, min(CANDIDATES, len(mesh.cells)))[1].reshape(len(points), -1)  # (M, k)
+    corners = mesh.points[mesh.cells[near]]  # (M, k, n, 3)
+    at = np.full((*near.shape, 3), 0.25 if mesh.cell == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
+    for _ in range(NEWTON_STEPS):
+        values, gradients = CELLS[mesh.cell].shapes(at)
+        missing = points[:, None] - np.einsum("mkn,mknd->mkd", values, corners)
+        jacobian = np.einsum("mkne,mknd->mkde", gradients, corners)
+        at = at + np.linalg.solve(jacobian, missing[..., None])[..., 0]
+    values, _ = CELLS[mesh.cell].shapes(at)
+    astray = np.linalg.norm(points[:, None] - np.einsum("mkn,mknd->mkd", values, corners), axis=-1)
+    outside = np.maximum(-values.min(axis=-1), 0) + astray / np.ptp(corners, axis=2).max(axis=-1)  # (M, k)
+    best = np.argmin(outside, axis=1)[:, None]
+    if (lost := int((np.take_along_axis(outside, best, 1) > 1e-6).sum())):
+        raise ValueError(f"{lost} of {len(points)} points lie outside of the mesh to interpolate from")
+    nodes = mesh.cells[np.take_along_axis(near, best, 1)[:, 0]]  # (M, n)
+    weights = np.take_along_axis(values, best[..., None], 1)[:, 0]  # (M, n)
+    return np.einsum("mn,tmnd->tmd", weights, displacement[:, nodes])

@@ -1,0 +1,211 @@
+"""A body in motion: M a + f(u) = b + sum_q p_q n_q, step by step through time.
+
+One step of length h leads from displacement u0 and velocity v0 to u1 and v1:
+
+    M (v1 - v0) / h + f' = b' + sum_q p_q n'_q            f' = integral over 0 <= s <= 1 of f(u0 + s (u1 - u0))
+    (u1 - u0) / h = (v0 + v1) / 2                        b' the mean load of the step
+
+f' is the average vector field (Quispel and McLaren, J. Phys. A 41, 2008, 045206): its work f'.(u1 - u0) is the change of the
+stored energy whatever the step, as f = dW/du. So without contact the sum of kinetic and stored energy and of the potential of
+constant loads stays what it is, but for the error of Gauss's rule with two points (none for laws whose energy is a polynomial
+of degree four in u, which linear and Saint-Venant-Kirchhoff are) and the tolerance of the solver. For small motion it is the
+trapezoidal rule: second order, a period T comes out longer by the factor 1 + (2 pi h / T)^2 / 12, nothing is damped.
+
+How contact is kept from making energy stands in impact.py. The reaction of a step is its impulse over h.
+
+M is lumped: the rows of the consistent mass matrix summed, one mass for each node. It has the body's mass and weight.
+
+A step is an equilibrium problem, of a body with K/2 + 2 M / h^2 for a stiffness, and newton.py solves it.
+
+Legend: N nodes, Q contact points.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physics.body.elasticity import Elasticity
+from physics.body.supports import traction_load
+from physics.equilibrium.balance import Balance, cells_said, contact_said
+from physics.equilibrium.extrapolation import HALVINGS, best_order, extrapolate
+from physics.equilibrium.journal import Arrays
+from physics.equilibrium.newton import TOLERANCE, Newton, NoEquilibrium, State
+from physics.mesh.mesh import Mesh
+from physics.motion.impact import Sweeping, bear
+from physics.scene import Scene
+
+Floats = NDArray[np.float64]
+
+GAUSS = (0.5 - 12**-0.5, 0.5 + 12**-0.5)
+STOP = 10  # steps in which the smallest force that matters would stop the body
+
+
+class Moving(Elasticity):
+    """A body within one step of time, whose forces and stiffness are those of the step's equations."""
+
+    def __init__(self, body: Elasticity) -> None:
+        self.__dict__.update(body.__dict__)
+        self._matrix = None
+        first, second = body._lame
+        self._lame = first / 2, second / 2  # all laws are linear in these: half the stiffness
+        self.body = body
+        self.node_mass = body.weight(np.ones(3))[:, :1]  # (N, 1) [kg]
+        self._share = (self.node_mass.ravel() / np.bincount(self.cells.ravel()))[self.cells]  # (C, n)
+        self.start = self.velocity = self.outer = np.zeros_like(body.mesh.points)
+        self.h = 0.0
+
+    def begin(self, u: Floats, velocity: Floats, outer: Floats, h: float) -> None:
+        """A step of h [s] from displacements and velocities (N, 3) under mean outer forces (N, 3)."""
+        self.start, self.velocity, self.outer, self.h = u, velocity, outer, h
+
+    def force(self, u: Floats) -> Floats:
+        """What is missing to the balance of the step that ends at u (N, 3), contact left out [N]."""
+        way = u - self.start
+        inner = (self.body.force(self.start + GAUSS[0] * way) + self.body.force(self.start + GAUSS[1] * way)) / 2
+        return inner - self.outer + self.node_mass * (2 / self.h**2 * (way - self.h * self.velocity))
+
+    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
+        super().add_stiffness(u, slot, out)
+        first, second = np.triu_indices(3 * self.cells.shape[1])
+        np.add.at(out, slot[:, first == second], np.repeat(2 / self.h**2 * self._share, 3, axis=1))
+
+
+class Motion:
+    """The way of a scene through time; what `equilibrium.Path` is for equilibria."""
+
+    linear_steps = 0
+
+    def __init__(self, scene: Scene, mesh: Mesh) -> None:
+        rest = Balance(scene, mesh)
+        assert scene.steps.duration is not None
+        self.duration, self.body, self.fixed = scene.steps.duration, rest.elasticity, rest.fixed
+        self.sudden = traction_load(replace(scene, load=tuple(load for load in scene.load if load.sudden)), mesh)  # (N, 3) [N]
+        for load in scene.load:
+            if load.sudden and load.acceleration is not None:
+                self.sudden = self.sudden + self.body.weight(np.array(load.acceleration))
+        self.growing = rest.load - self.sudden
+        self.balance = copy.copy(rest)
+        self.balance.elasticity = self.moving = Moving(rest.elasticity)
+        self.balance.load = np.zeros_like(rest.load)  # the loads are among the forces of the step
+        self.balance.contact = None if rest.contact is None else Sweeping(rest.contact)
+        self.newton = Newton(self.balance)
+        self.newton.round_obstacle = False  # mean normals turn less than those at the end
+        points = 0 if rest.contact is None else len(rest.contact.surface.area)
+        self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(points))]
+        self.pull = rest.target / self.duration  # (N, 3) [m/s] of held components
+        self.velocity = np.where(self.fixed, self.pull, np.array(scene.steps.velocity or (0.0, 0.0, 0.0)))
+        self.order, self.halvings = 0, 0
+        self._factored_h, self._floor = 0.0, rest.floor
+        self._largest = max(float(np.linalg.norm(load)) for load in (self.sudden, self.growing))  # [N] force so far, or to come
+
+    def advance(self, fraction: float, depth: int = 0) -> State:
+        """The state at a later fraction of the duration, in several steps of time where one is too long. Raises `NoEquilibrium`."""
+        last = self.states[-1]
+        h = (fraction - last.fraction) * self.duration
+        if self._too_far(last.fraction, fraction, h):
+            self.advance((last.fraction + fraction) / 2, depth)
+            return self.advance(fraction, depth)
+        if self._rests(last.u, fraction):
+            return self._append(State(fraction, last.u, last.pressure))
+        if abs(h - self._factored_h) > 1e-6 * h:  # equal steps differ by rounding
+            self.newton.outdate()
+            self._factored_h = h
+        if isinstance(self.balance.contact, Sweeping):
+            self.balance.contact.begin(last.u, self.balance.contact.obstacle.position(last.fraction))
+        self.moving.begin(last.u, self.velocity, self.sudden + (last.fraction + fraction) / 2 * self.growing, h)
+        momentum = float(np.linalg.norm(self.moving.node_mass * self.velocity))
+        self.balance.floor = max(self._floor, TOLERANCE * max(self._largest, momentum / (STOP * h)))
+        try:
+            state = self.newton.equilibrium(fraction, self._predict(fraction), last)
+        except NoEquilibrium as error:
+            if depth == HALVINGS:
+                raise NoEquilibrium(f"{error} after {HALVINGS} halvings; a step of time is {h * 2**HALVINGS:.2g} s") from None
+            self.halvings += 1
+            self.advance((last.fraction + fraction) / 2, depth + 1)
+            return self.advance(fraction, depth + 1)
+        velocity = 2 / h * (state.u - last.u) - self.velocity
+        inertia = np.linalg.norm(self.moving.node_mass * (velocity - self.velocity)) / h
+        self._largest = max(self._largest, float(inertia), float(np.linalg.norm(state.reaction)))
+        state, velocity = self._borne(last.fraction, state, velocity, h)
+        self.velocity = np.where(self.fixed, self.pull, velocity)
+        return self._append(state)
+
+    def _too_far(self, start: float, end: float, h: float) -> bool:
+        """Whether obstacle and body could pass through each other in a step of h [s]."""
+        contact = self.balance.contact
+        if contact is None:
+            return False
+        safe = min(contact.obstacle.width, float(np.ptp(self.balance.mesh.points, axis=0).min())) / 2
+        return self.balance.stride(start, end) + float(np.linalg.norm(self.velocity, axis=1).max()) * h / safe > 1
+
+    def _rests(self, u: Floats, fraction: float) -> bool:
+        still = not (u.any() or self.velocity.any() or self.sudden.any() or self.growing.any())
+        return still and self.balance.rests(fraction)
+
+    def _predict(self, fraction: float) -> Floats:
+        """Extrapolated displacements (N, 3), held components on their prescription."""
+        if len(self.states) == 1:
+            u = self.states[0].u + fraction * self.duration * self.velocity
+        else:
+            u = extrapolate(self.states[-1 - self.order:], fraction)
+        return np.where(self.fixed, fraction * self.balance.target, u)
+
+    def _borne(self, before: float, state: State, velocity: Floats, h: float) -> tuple[State, Floats]:
+        """The state and its velocities (N, 3) [m/s] once the points that bear have been stopped (impact.py)."""
+        contact = self.balance.contact
+        if contact is None or not state.pressure.any():
+            return state, velocity
+        centre = contact.obstacle.position(state.fraction)
+        towards = (centre - contact.obstacle.position(before)) / h
+        velocity, force = bear(contact, state.u, velocity, pressure=state.pressure, centre=centre, towards=towards,
+                               mobile=np.where(self.fixed, 0.0, 1 / self.moving.node_mass), h=h)
+        return replace(state, reaction=state.reaction - force), velocity
+
+    def _append(self, state: State) -> State:
+        self.order = best_order(self.states, state)
+        self.states = [*self.states[-3:], state]
+        return state
+
+    @property
+    def kinetic_energy(self) -> float:
+        """[J]"""
+        return float((self.moving.node_mass * self.velocity**2).sum()) / 2
+
+    def model(self) -> dict[str, str]:
+        """What is modelled, and why, in words."""
+        scene = self.balance.scene
+        said = {"kinematics": "small strain, as the linear law has it" if scene.material.law == "linear" else "finite strain: in motion",
+                "material": f"{scene.material.law}; {cells_said(scene)}"}
+        lasting = "; what a surface layer of nodes loses when it is struck is gone, and contact makes no energy"
+        return said | {"contact": contact_said(scene) + lasting * (scene.obstacle is not None), "factor": self.newton.factor.name}
+
+    def frame(self) -> Arrays:
+        """What is reported of the last state; each of the arrays is a row of one in `equilibrium.Solution`."""
+        state = self.states[-1]
+        found: dict[str, Any] = {
+            "displacement": state.u, "reaction": state.reaction, "energy": self.body.energy(state.u) if state.u.any() else 0.0,
+            "penetration": state.penetration, "newton_iterations": state.iterations, "relative_residual": state.residual,
+            "kinetic_energy": self.kinetic_energy, "snap": 0.0, "released": 0.0}
+        return {name: np.asarray(value) for name, value in found.items()}
+
+    def memory(self) -> Arrays:
+        """All that the rest of the motion depends on: what `recall` takes."""
+        kept = {name: np.array([getattr(state, name) for state in self.states]) for name in ("fraction", "u", "pressure")}
+        kept |= {"velocity": self.velocity, "counts": np.array([self.order, self.halvings]),
+                 "scales": np.array([self._factored_h, self._largest])}
+        return kept | {f"newton_{name}": array for name, array in self.newton.memory().items()}
+
+    def recall(self, memory: Arrays) -> None:
+        """Go on as the motion whose memory this is would have, to the last bit."""
+        self.states = [State(float(fraction), u, pressure)
+                       for fraction, u, pressure in zip(memory["fraction"], memory["u"], memory["pressure"], strict=True)]
+        self.velocity = memory["velocity"]
+        self.order, self.halvings = (int(count) for count in memory["counts"])
+        self._factored_h, self._largest = (float(scale) for scale in memory["scales"])
+        self.moving.h = self._factored_h
+        self.newton.recall({name.removeprefix("newton_"): array for name, array in memory.items() if name.startswith("newton_")})

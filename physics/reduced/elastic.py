@@ -1,0 +1,145 @@
+"""The elasticity of a body in numpy: stiffness at rest with its factor, stress, and nodal forces at any displacement.
+
+    H = grad u,  F = I + H,  E = (H + H^T + H^T H) / 2        at the points of integration
+    f(u) = sum over points of  w grad(N) P(F)                 nodal forces, P the first Piola-Kirchhoff stress
+    K = df/du (0)                                             held nodes left out, factored once
+
+Forces are in units of Young's modulus times area: the displacement of a body that is pressed by a rigid obstacle depends on
+Poisson's ratio alone.
+
+Legend: N nodes, C cells, n nodes of a cell, g points of integration in a cell, Q = C g, M = 3 N components.
+Source of the laws: physics/body/material.py; solver: SuperLU through scipy.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from physics.body.element import samples
+from physics.mesh.mesh import Mesh
+
+Floats = NDArray[np.float64]
+CHUNK = 64  # right-hand sides solved for at a time
+
+
+class Elastic:
+    """One body, held at some nodes.
+
+    Attributes:
+        size: M; held: (M,) True on components that do not move
+        stiffness: K (M, M) of all components
+        weights: (Q,) [m3] of the points of integration; lame: lambda and mu over Young's modulus
+    """
+
+    def __init__(self, mesh: Mesh, held: NDArray[np.bool_], law: str, poisson_ratio: float) -> None:
+        """Args: held (N,) nodes; law: see physics/body/material.py."""
+        self.law = law
+        self.lame = poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)), 0.5 / (1 + poisson_ratio)
+        nodes, (cells, n) = len(mesh.points), mesh.cells.shape
+        self.size, self.held = 3 * nodes, np.repeat(held, 3)
+        standard = samples(mesh)
+        gradient, weight = standard.gradients.swapaxes(0, 1), standard.volumes.T  # (C, g, n, 3), (C, g)
+        self.weights = weight.ravel()
+        columns = np.broadcast_to(mesh.cells[:, None, None, :], (cells, len(weight[0]), 3, n)).ravel()
+        entries = np.ascontiguousarray(gradient.transpose(0, 1, 3, 2)).ravel()
+        self._gradient = sparse.csr_matrix((entries, columns, np.arange(0, len(entries) + 1, n)), shape=(3 * len(self.weights), nodes))
+        self._divergence = self._gradient.T.tocsr()
+        node = np.repeat(mesh.cells, len(weight[0]), axis=0).reshape(-1)  # each point's nodes
+        near = sparse.csr_matrix((np.repeat(self.weights, n), (node, np.repeat(np.arange(len(self.weights)), n))))
+        self._around = sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near  # (N, Q) mean over the points around a node
+        self.stiffness = self._assemble(mesh.cells, gradient, weight)
+        self._free = np.flatnonzero(~self.held)
+        self._factor = splu(self.stiffness[self._free][:, self._free].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                            options={"SymmetricMode": True})
+
+    def _assemble(self, cells: NDArray[np.int64], gradient: Floats, weight: Floats) -> sparse.csc_matrix:
+        count, points, n, _ = gradient.shape
+        b = gradient.reshape(count, points, 3 * n)
+        product = np.matmul((b * weight[:, :, None]).transpose(0, 2, 1), b).reshape(count, n, 3, n, 3)
+        lmbda, mu = self.lame
+        block = lmbda * product + mu * product.transpose(0, 1, 4, 3, 2)
+        laplace = np.einsum("cajbj->cab", product)
+        for i in range(3):
+            block[:, :, i, :, i] += mu * laplace
+        component = (3 * cells[:, :, None] + np.arange(3)).reshape(count, 3 * n)
+        rows, columns = np.repeat(component, 3 * n, axis=1).ravel(), np.tile(component, (1, 3 * n)).ravel()
+        return sparse.coo_matrix((block.ravel(), (rows, columns)), shape=(self.size, self.size)).tocsc()
+
+    def solve(self, force: Floats) -> Floats:
+        """K^-1 of forces (M, ..), zero on held components."""
+        out = np.zeros_like(force)
+        out[self._free] = self._factor.solve(np.ascontiguousarray(force[self._free]))
+        return out
+
+    def gradient(self, u: Floats) -> Floats:
+        """H (Q, 3, 3) of displacements (M,): H_ij = du_i/dX_j."""
+        return (self._gradient @ u.reshape(-1, 3)).reshape(-1, 3, 3).transpose(0, 2, 1)
+
+    def force(self, stress: Floats) -> Floats:
+        """(M,) nodal forces of a first Piola-Kirchhoff stress (Q, 3, 3), zero on held components."""
+        weighted = (stress * self.weights[:, None, None]).transpose(0, 2, 1).reshape(-1, 3)
+        force = (self._divergence @ weighted).ravel()
+        force[self.held] = 0.0
+        return force
+
+    def hooke(self, strain: Floats) -> Floats:
+        """lambda tr(E) I + 2 mu E for strains (Q, 3, 3)."""
+        lmbda, mu = self.lame
+        stress = 2 * mu * strain
+        trace = lmbda * np.trace(strain, axis1=1, axis2=2)
+        for i in range(3):
+            stress[:, i, i] += trace
+        return stress
+
+    def internal(self, u: Floats) -> Floats:
+        """f(u) (M,) of displacements (M,), by the body's own law; not finite where a cell is inside out."""
+        lmbda, mu = self.lame
+        h = self.gradient(u)
+        if self.law == "linear":
+            return self.force(self.hooke(symmetric(h)))
+        f = h + np.eye(3)
+        if self.law == "saint-venant-kirchhoff":
+            return self.force(f @ self.hooke(symmetric(h) + h.transpose(0, 2, 1) @ h / 2))
+        cofactor = np.stack([np.cross(f[:, 1], f[:, 2]), np.cross(f[:, 2], f[:, 0]), np.cross(f[:, 0], f[:, 1])], axis=1)
+        j = (f[:, 0] * cofactor[:, 0]).sum(axis=1)  # det F; cofactor / J = F^-T
+        j[j <= 0] = np.nan
+        if self.law == "neo-hookean-log":
+            return self.force(mu * f + ((lmbda * np.log(j) - mu) / j)[:, None, None] * cofactor)
+        shear, bulk = mu * j ** (-2 / 3), lmbda + 2 * mu / 3
+        pressure = bulk / 2 * (j * j - 1) - shear / 3 * (f * f).sum(axis=(1, 2))
+        return self.force(shear[:, None, None] * f + (pressure / j)[:, None, None] * cofactor)
+
+    def answer(self, u: Floats, force: Floats) -> Floats:
+        """R K^-1 R^T of forces (M,) on the body at displacements (M,): the rest stiffness, turned with each node."""
+        turn = self._rotations(u)
+        turned = np.einsum("nji,nj->ni", turn, force.reshape(-1, 3)).ravel()
+        return np.einsum("nij,nj->ni", turn, self.solve(turned).reshape(-1, 3)).ravel()
+
+    def _rotations(self, u: Floats) -> Floats:
+        """R (N, 3, 3) of the nodes, as far as strains are small: from the mean of H around them, whose skew part is sin(angle)
+        times the axis."""
+        skew = (self._around @ (self._gradient @ u.reshape(-1, 3)).reshape(-1, 9)).reshape(-1, 3, 3)  # (N, ..): H^T
+        skew = (skew.transpose(0, 2, 1) - skew) / 2
+        square = skew @ skew
+        cosine = np.sqrt(np.maximum(1 + np.trace(square, axis1=1, axis2=2) / 2, 0.0))
+        return np.eye(3) + skew + square / (1 + cosine)[:, None, None]
+
+    def second(self, a: Floats, b: Floats) -> Floats:
+        """(M,) the part of second order of f by Saint Venant-Kirchhoff's law, as a symmetric bilinear form of two H (Q, 3, 3)."""
+        return self.force((self.hooke(_square(a, b)) + a @ self.hooke(symmetric(b)) + b @ self.hooke(symmetric(a))) / 2)
+
+    def third(self, a: Floats, b: Floats, c: Floats) -> Floats:
+        """(M,) the part of third order, as a symmetric form of three H (Q, 3, 3)."""
+        return self.force((a @ self.hooke(_square(b, c)) + b @ self.hooke(_square(a, c)) + c @ self.hooke(_square(a, b))) / 6)
+
+
+def symmetric(h: Floats) -> Floats:
+    """The symmetric part of (.., 3, 3)."""
+    return (h + h.swapaxes(-1, -2)) / 2
+
+
+def _square(a: Floats, b: Floats) -> Floats:
+    return symmetric(a.transpose(0, 2, 1) @ b)

@@ -1,0 +1,124 @@
+"""A body in a small space: its displacement is Phi q, its energy a polynomial of q.
+
+    W(q) = 1/2 s^T G s,    s = (q_1 .. q_r, all products q_i q_j)
+
+is the energy of Saint Venant-Kirchhoff's law, exact in rotations: the strain E is linear and quadratic in q, so the matrix G
+of the energies between its parts is all that remains of the mesh. What the small space cannot do, local indentation above all,
+is left to the rest stiffness: K^-1 - Phi Phi^T (Phi is orthonormal in K).
+
+The space is spanned by the answers to loads around the first touching point, and by the second and third derivatives along them,
+which hold what finite rotation adds (foreshortening, and the change of bending as the body turns):
+
+    K u_i = l_i,    K u_ij = -f2(u_i, u_j),    K u_11j = -2 f2(u_j, u_11) - 4 f2(u_1, u_1j) - 3 f3(u_1, u_1, u_j)
+
+Legend: M = 3 N components, Q points of integration, r size of the space, m = r + r (r + 1) / 2.
+Source: Barbic and James 2005 (reduced polynomials, modal derivatives); Noor and Peters 1980 (path derivatives as a space).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physics.reduced.elastic import Elastic, symmetric
+
+Floats = NDArray[np.float64]
+POINTS = 4000  # of integration that the polynomial is made from, about
+INDEPENDENT = 1e-9  # of the energy of normed vectors: what lies below is rounding
+
+
+class Reduced:
+    """Attributes: space Phi (M, r), orthonormal in the rest stiffness; nodal (N, 3, r) the same."""
+
+    def __init__(self, elastic: Elastic, vectors: Sequence[Floats]) -> None:
+        """Args: vectors, (M,) each, zero on held components."""
+        self._elastic = elastic
+        thin = max(1, round(len(elastic.weights) / POINTS)) | 1  # odd, so that it meets all points of a prism
+        self._points = slice(thin // 2, None, thin)
+        self._scale = np.sqrt(elastic.weights[self._points] * elastic.weights.sum() / elastic.weights[self._points].sum())
+        self.space = self._orthonormal(np.stack(vectors, axis=1))
+        self._build()
+
+    def _orthonormal(self, vectors: Floats) -> Floats:
+        stiffness = self._elastic.stiffness
+        norm = np.sqrt(np.einsum("mi,mi->i", vectors, stiffness @ vectors))
+        vectors = vectors[:, norm > 0] / norm[norm > 0]
+        energy, turn = np.linalg.eigh(vectors.T @ (stiffness @ vectors))
+        keep = energy > INDEPENDENT * energy[-1]
+        return vectors @ (turn[:, keep] / np.sqrt(energy[keep]))
+
+    def _build(self) -> None:
+        r = self.space.shape[1]
+        self.nodal = self.space.reshape(-1, 3, r)
+        h = np.stack([self._elastic.gradient(self.space[:, k])[self._points] for k in range(r)]).astype(np.float32)  # (r, Q, 3, 3)
+        first, second = np.triu_indices(r)
+        self._first, self._second = first, second
+        components = np.empty((r + len(first), 6, h.shape[1]), np.float32)  # (m, 6, Q)
+        self._weigh(symmetric(h), components[:r])
+        at = r
+        for i in range(r):  # products q_i q_j of all j >= i
+            product = symmetric(np.matmul(h[i].swapaxes(1, 2), h[i:]))
+            product[0] *= 0.5
+            self._weigh(product, components[at:at + r - i])
+            at += r - i
+        flat = components.reshape(len(components), -1)
+        self._gram = (flat @ flat.T).astype(np.float64)
+        self._slots = np.arange(r, len(flat))
+
+    def _weigh(self, strain: NDArray[np.floating[Any]], out: NDArray[np.float32]) -> None:
+        """Strains (k, Q, 3, 3) as six numbers each whose squares add up to twice the energy: into (k, 6, Q)."""
+        lmbda, mu = self._elastic.lame
+        scale = self._scale.astype(np.float32)
+        mean = (strain[..., 0, 0] + strain[..., 1, 1] + strain[..., 2, 2]) / 3
+        # tr^2 (lambda + 2 mu / 3) + 2 mu |dev|^2, the deviator's diagonal as two numbers
+        x, y = strain[..., 0, 0] - mean, strain[..., 1, 1] - mean
+        out[:, 0] = mean * (3 * np.sqrt(lmbda + 2 * mu / 3) * scale).astype(np.float32)
+        out[:, 1] = (x + y / 2) * (2 * np.sqrt(mu) * scale).astype(np.float32)
+        out[:, 2] = y * (np.sqrt(3 * mu) * scale).astype(np.float32)
+        for slot, (i, j) in enumerate(((0, 1), (0, 2), (1, 2)), start=3):
+            out[:, slot] = strain[..., i, j] * (2 * np.sqrt(mu) * scale).astype(np.float32)
+
+    def slope(self, q: Floats) -> Floats:
+        """dW/dq (r,) at q (r,)."""
+        return self._parts(q).T @ self._forces(q)
+
+    def hessian(self, q: Floats) -> Floats:
+        """Second derivatives (r, r) of W at q (r,)."""
+        r, parts, forces = len(q), self._parts(q), self._forces(q)
+        bent = np.zeros((r, r))
+        bent[self._first, self._second] = forces[r:]
+        return parts.T @ (self._gram @ parts) + bent + bent.T
+
+    def _forces(self, q: Floats) -> Floats:
+        return self._gram @ np.concatenate([q, q[self._first] * q[self._second]])
+
+    def _parts(self, q: Floats) -> Floats:
+        """ds/dq (m, r)."""
+        r = len(q)
+        parts = np.zeros((len(self._gram), r))
+        parts[np.arange(r), np.arange(r)] = 1.0
+        parts[self._slots, self._first] = q[self._second]
+        parts[self._slots, self._second] += q[self._first]
+        return parts
+
+
+def derivatives(elastic: Elastic, loads: Floats, scale: float) -> list[Floats]:
+    """The vectors (M,) of the docstring's three kinds.
+
+    Args:
+        loads: (M, k); the first is the main one
+        scale: [m] largest displacement that each answer to a load is brought to
+    """
+    first = elastic.solve(loads)
+    first *= scale / abs(first).max(axis=0)
+    h = [elastic.gradient(u) for u in first.T]
+    count = len(h)
+    pairs = [(0, j) for j in range(count)] + [(j, j) for j in range(1, count)]
+    second = elastic.solve(np.stack([-elastic.second(h[i], h[j]) for i, j in pairs], axis=1))
+    h2 = [elastic.gradient(u) for u in second[:, :count].T]
+    third = elastic.solve(np.stack([-2 * elastic.second(h[j], h2[0]) - 4 * elastic.second(h[0], h2[j])
+                                    - 3 * elastic.third(h[0], h[0], h[j]) for j in range(count)], axis=1))
+    return [*first.T, *second.T, *third.T]
