@@ -5,15 +5,16 @@
     sets/     a folder of trajectories: planned, made, checked, described, packed, exchanged
     verbs     the command line's share
 
-Imports physics, and nothing of learning. What a user calls is importable from here: `from datagen import load_family, generate, read_trajectory`.
+Imports physics, and nothing of learning. What a user calls is importable from here:
+`from datagen import load_family, generate, read_trajectory`.
 """
 
 from importlib import import_module
 from typing import Any
 
 _PUBLIC = {
-    "Family": "family.family", "Trajectory": "files.trajectory", "as_solved": "files.trajectory", "check": "sets.check", "counts": "family.family",
-    "draw": "family.family", "export_records": "sets.deepmind", "generate": "sets.generate",
+    "Family": "family.family", "Trajectory": "files.trajectory", "as_solved": "files.trajectory", "check": "sets.check",
+    "counts": "family.family", "draw": "family.family", "export_records": "sets.deepmind", "generate": "sets.generate",
     "import_records": "sets.deepmind", "load_family": "family.family", "pack": "sets.pack", "read_manifest": "sets.dataset",
     "read_trajectory": "files.trajectory", "statistics": "sets.statistics", "trajectory_of": "sets.generate", "unpack": "sets.pack",
     "verify_files": "files.prediction", "write_trajectory": "files.trajectory",

@@ -20,9 +20,9 @@ from importlib import import_module
 from typing import Any
 
 _PUBLIC = {
-    "M4GN": "networks.m4gn", "Model": "prediction.checkpoint", "TrainConfig": "config", "compare": "report.compare", "evaluate": "report.evaluate",
-    "load_config": "config", "load_model": "prediction.checkpoint", "rollout": "prediction.rollout", "segment": "segments.cut",
-    "segment_quality": "segments.quality", "train": "training.train",
+    "M4GN": "networks.m4gn", "Model": "prediction.checkpoint", "TrainConfig": "config", "compare": "report.compare",
+    "evaluate": "report.evaluate", "load_config": "config", "load_model": "prediction.checkpoint", "rollout": "prediction.rollout",
+    "segment": "segments.cut", "segment_quality": "segments.quality", "train": "training.train",
 }
 __all__ = sorted(_PUBLIC)
 

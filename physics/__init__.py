@@ -17,19 +17,19 @@ A room imports what stands above it in this list, never below:
     fidelity/       how good a prediction is, and what a Newton step makes of it
     view            how it looks
 
-What a user calls is importable from here: `from physics import load_scene, solve, elastic_modes, verify`. It is loaded when it is asked for, so
-that `import physics` costs nothing and what learns from data runs without dolfinx.
+What a user calls is importable from here: `from physics import load_scene, solve, elastic_modes, verify`. It is loaded when it
+is asked for, so that `import physics` costs nothing and what learns from data runs without dolfinx.
 """
 
 from importlib import import_module
 from typing import Any
 
 _PUBLIC = {
-    "Body": "scene", "InputError": "schema", "Material": "scene", "Mesh": "mesh.mesh", "NoEquilibrium": "equilibrium.newton", "Obstacle": "scene",
-    "Scene": "scene", "Solution": "solution", "Steps": "scene", "Support": "scene", "Load": "scene", "build_mesh": "mesh.build",
-    "elastic_modes": "modes.elastic", "film": "view", "laplacian_modes": "modes.laplacian", "load_body": "scene", "load_scene": "scene",
-    "read_mesh": "mesh.files", "read_scene": "scene", "solve": "solution", "verify": "fidelity.verify", "von_mises": "body.stress",
-    "write_mesh": "mesh.files",
+    "Body": "scene", "InputError": "schema", "Load": "scene", "Material": "scene", "Mesh": "mesh.mesh",
+    "NoEquilibrium": "equilibrium.newton", "Obstacle": "scene", "Scene": "scene", "Solution": "solution", "Steps": "scene",
+    "Support": "scene", "build_mesh": "mesh.build", "elastic_modes": "modes.elastic", "film": "view",
+    "laplacian_modes": "modes.laplacian", "load_body": "scene", "load_scene": "scene", "read_mesh": "mesh.files", "read_scene": "scene",
+    "solve": "solution", "verify": "fidelity.verify", "von_mises": "body.stress", "write_mesh": "mesh.files",
 }
 __all__ = sorted(_PUBLIC)
 

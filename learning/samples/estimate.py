@@ -1,6 +1,6 @@
 """Estimates of the quasi-static states at the obstacle's poses, made once for some frames of a trajectory and kept for the next time.
 
-How a state is found: quasistatic.py. Only rest shape, material, supports and the obstacle's poses are read: never the motion of
+How a state is found: physics/reduced/quasistatic.py. Only rest shape, material, supports and the obstacle's poses are read: never the motion of
 a free node.
 
 Legend: N nodes, F frames.
@@ -9,14 +9,17 @@ Legend: N nodes, F frames.
 from __future__ import annotations
 
 import hashlib
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.trajectory import Trajectory
+from datagen.files.trajectory import HANDLE, Trajectory
 from physics.reduced.quasistatic import Estimator
+from physics.scene import read_scene
+from physics.schema import InputError
 from physics.whole import written_whole
 
 VERSION = 3  # of the estimates: to be raised with every change to their numbers
@@ -58,13 +61,22 @@ def estimate(trajectory: Trajectory, frames: NDArray[np.int64], *, cache: Path |
     if path is not None and path.exists():
         found = np.load(path)
     else:
-        found = np.stack(Estimator(trajectory).frames(frames.tolist()))
+        found = np.stack(_estimator(trajectory).frames(frames.tolist()))
         if path is not None:
             with written_whole(path) as part, open(part, "wb") as handle:
                 np.save(handle, found)
     displacement, answer = trajectory.displacement[frames].copy(), np.zeros_like(trajectory.displacement[frames])
     displacement[:, body], answer[:, body] = found
     return Estimate(frames, displacement, answer)
+
+
+def _estimator(trajectory: Trajectory) -> Estimator:
+    if not trajectory.scene:
+        raise InputError('the trajectory holds no scene, which estimate = true needs: train with estimate = false')
+    scene, body = read_scene(tomllib.loads(trajectory.scene)), trajectory.body
+    moved = trajectory.displacement[:, ~body].astype(np.float64).mean(axis=1) if not body.all() else np.zeros((1, 3))  # (T, 3)
+    start = np.zeros(3) if scene.obstacle is None else np.array(scene.obstacle.path[0])
+    return Estimator(scene, trajectory.mesh, trajectory.node_kind[body] == HANDLE, start + moved)
 
 
 def _key(trajectory: Trajectory, frames: NDArray[np.int64]) -> str:

@@ -24,10 +24,10 @@ from petsc4py import PETSc
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from physics.body.elasticity import Elasticity
 from physics.linalg.columns import Columns
 from physics.linalg.dissection import Dissection, Panels, dissect, slots
 from physics.linalg.multigrid import Multigrid
+from physics.linalg.stiffness import Stiffness
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -79,7 +79,7 @@ class Factor(Protocol):
         """(N, 3) the solution, with forces (n, 3) on n nodes added."""
 
 
-def solver_for(elasticity: Elasticity, *, method: str | None = None, spread: bool = False) -> Factor | Multigrid:
+def solver_for(elasticity: Stiffness, *, method: str | None = None, spread: bool = False) -> Factor | Multigrid:
     """What suits a body: a factor, or multigrid where that is too large.
 
     Args:
@@ -98,14 +98,14 @@ def solver_for(elasticity: Elasticity, *, method: str | None = None, spread: boo
     return Multigrid(elasticity, why=f"for a factor would take {size:.2g} GB, more than {limit:.2g} GB")
 
 
-def factor_for(elasticity: Elasticity) -> Factor:
+def factor_for(elasticity: Stiffness) -> Factor:
     """The factor that suits a body, whatever it takes: banded when its nodes can be numbered so that the band is narrow."""
     factor = solver_for(elasticity, method="direct")
     assert not isinstance(factor, Multigrid)
     return factor
 
 
-def narrowest_order(elasticity: Elasticity) -> tuple[Integers, int]:
+def narrowest_order(elasticity: Stiffness) -> tuple[Integers, int]:
     """(N,) the place of each node in the numbering of narrowest band, and the half bandwidth b of the unknowns.
 
     Tried are the mesh's own numbering, along its longest extent, and reverse Cuthill-McKee's.
@@ -133,7 +133,7 @@ class _Cholesky:
     name = ""
     negative = 0
 
-    def __init__(self, elasticity: Elasticity, place: Integers, worth: float) -> None:
+    def __init__(self, elasticity: Stiffness, place: Integers, worth: float) -> None:
         """Args: place (N,) of each node in the order of elimination."""
         self.elasticity, self.worth = elasticity, max(8, round(worth))
         self._unknown = 3 * place[:, None] + np.arange(3)  # (N, 3)
@@ -187,7 +187,7 @@ class _Cholesky:
 class BandFactor(_Cholesky):
     """LAPACK's banded Cholesky factor, assembled in place."""
 
-    def __init__(self, elasticity: Elasticity, place: Integers, band: int) -> None:
+    def __init__(self, elasticity: Stiffness, place: Integers, band: int) -> None:
         super().__init__(elasticity, place, band / OPERATIONS)
         self.band, self.name = band, f"banded Cholesky (LAPACK): a half-bandwidth of {band}, at most {WIDEST_BAND}"
         size = elasticity.mesh.points.size
@@ -230,7 +230,7 @@ class BandFactor(_Cholesky):
 class DissectionFactor(_Cholesky):
     """The factor of a nested dissection, assembled in place."""
 
-    def __init__(self, elasticity: Elasticity, dissection: Dissection | None = None) -> None:
+    def __init__(self, elasticity: Stiffness, dissection: Dissection | None = None) -> None:
         """Args: dissection of the mesh, if there is one already."""
         dissection = dissection or dissect(elasticity.mesh.points, elasticity.cells)
         self.name = f"sparse Cholesky by nested dissection: {8e-9 * dissection.numbers:.2g} GB, at most {8e-9 * MOST_NUMBERS:.2g} GB"
@@ -272,7 +272,7 @@ class SparseFactor:
     name = "sparse L D L^T (MUMPS)"
     worth = 8
 
-    def __init__(self, elasticity: Elasticity) -> None:
+    def __init__(self, elasticity: Stiffness) -> None:
         self.elasticity = elasticity
         self.learned: list[Integers] = []
         self._compliance = np.empty((0, 0))

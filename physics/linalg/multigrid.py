@@ -23,7 +23,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from physics.body.elasticity import Elasticity
+from physics.linalg.stiffness import Stiffness
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -66,7 +66,7 @@ class Multigrid:
     worth = 0
     learned: tuple[Integers, ...] = ()
 
-    def __init__(self, elasticity: Elasticity, *, why: str, spread: bool = False) -> None:
+    def __init__(self, elasticity: Stiffness, *, why: str, spread: bool = False) -> None:
         """Args: why this and no factor, in words; spread: over all processes of an MPI run."""
         self.elasticity, self.comm = elasticity, MPI.COMM_WORLD if spread else MPI.COMM_SELF
         self.name = f"none: conjugate gradients with algebraic multigrid{f' on {self.comm.size} processes' * (self.comm.size > 1)}, {why}"

@@ -15,8 +15,9 @@ Legend: n corners of a cell, P points.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +26,7 @@ from physics.schema import InputError
 
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[int, ...], ...]
-ShapeFunctions = Callable[[Floats, Floats, Floats], tuple[list[Floats], list[tuple[Floats, ...]]]]
+ShapeFunctions = Callable[[Floats, Floats, Floats], tuple[list[Any], list[tuple[Any, ...]]]]
 
 GAUSS = (0.5 - 12**-0.5, 0.5 + 12**-0.5)  # two points on [0, 1], each of weight 1/2
 TRIANGLE = ((1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3))  # three points, each of weight 1/6
@@ -53,8 +54,8 @@ class Cell:
     facets: Corners = ()
     mirrored: tuple[int, ...] = ()
     shape_functions: ShapeFunctions | None = None
-    points: Floats | None = None
-    weights: Floats | None = None
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    weights: Floats = field(default_factory=lambda: np.empty(0))
 
     def shapes(self, at: ArrayLike) -> tuple[Floats, Floats]:
         """(..., n) shape functions and (..., n, 3) their gradients at places (..., 3); one of the functions is negative outside."""
@@ -64,18 +65,18 @@ class Cell:
         return np.stack(values, axis=-1), np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in gradients], axis=-2)
 
 
-def _tetrahedron(r: Floats, s: Floats, t: Floats) -> tuple[list[Floats], list[tuple[Floats, ...]]]:
+def _tetrahedron(r: Floats, s: Floats, t: Floats) -> tuple[list[Any], list[tuple[Any, ...]]]:
     zero, one = np.zeros_like(r), np.ones_like(r)
     return [1 - r - s - t, r, s, t], [(-one, -one, -one), (one, zero, zero), (zero, one, zero), (zero, zero, one)]
 
 
-def _prism(r: Floats, s: Floats, t: Floats) -> tuple[list[Floats], list[tuple[Floats, ...]]]:
+def _prism(r: Floats, s: Floats, t: Floats) -> tuple[list[Any], list[tuple[Any, ...]]]:
     zero = np.zeros_like(r)
     return ([(1 - r - s) * (1 - t), r * (1 - t), s * (1 - t), (1 - r - s) * t, r * t, s * t],
             [(t - 1, t - 1, r + s - 1), (1 - t, zero, -r), (zero, 1 - t, -s), (-t, -t, 1 - r - s), (t, zero, r), (zero, t, s)])
 
 
-def _hexahedron(r: Floats, s: Floats, t: Floats) -> tuple[list[Floats], list[tuple[Floats, ...]]]:
+def _hexahedron(r: Floats, s: Floats, t: Floats) -> tuple[list[Any], list[tuple[Any, ...]]]:
     values, gradients = [], []
     for corner in HEXAHEDRON:  # x or 1 - x of each coordinate, and their slopes
         (a, da), (b, db), (c, dc) = ((x, 1.0) if upper else (1 - x, -1.0) for x, upper in zip((r, s, t), corner, strict=True))

@@ -15,7 +15,6 @@ Legend: N body nodes, M = 3 N, T frames, A points of contact, r size of the spac
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,13 +23,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from datagen.files.trajectory import HANDLE, Trajectory
 from physics.contact.conditions import ContactSurface, solve_complementarity
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
 from physics.reduced.elastic import Elastic
 from physics.reduced.space import Reduced, derivatives
-from physics.scene import Scene, read_scene
+from physics.scene import Scene
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -65,23 +63,24 @@ class _State:
 
 
 class Estimator:
-    """Estimates for one trajectory's body and obstacle, at any pose of its path."""
+    """Estimates for one body and its obstacle, at any pose of a path."""
 
-    def __init__(self, trajectory: Trajectory) -> None:
-        """Raises `InputError` for a scene that is not a body held at whole nodes and pressed by a rigid obstacle alone."""
-        scene = _scene(trajectory)
-        mesh, body = trajectory.mesh, trajectory.body
-        assert scene.obstacle is not None
-        held = trajectory.node_kind[body] == HANDLE
+    def __init__(self, scene: Scene, mesh: Mesh, held: NDArray[np.bool_], centres: Floats) -> None:
+        """Args: held (N,) nodes; centres (T, 3) [m] of the obstacle in each frame.
+
+        Raises `InputError` for a scene that is not a body held at whole nodes and pressed by a rigid obstacle alone.
+        """
+        moved = [support for support in scene.support if any(support.displacement) or set(support.fixed) != set("xyz")]
+        if scene.obstacle is None or scene.load or moved or scene.body.element != "standard" or scene.steps.dynamic:
+            raise InputError("the network corrects estimates, which know clamped bodies pressed by an obstacle alone: no loads, sliding or "
+                             "moving supports, elements other than standard, or inertia; one trained with estimate = false takes such scenes")
         self.mesh, self.obstacle = mesh, Rigid(scene.obstacle)
         self.size = float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
         self.surface = ContactSurface(mesh, scene.obstacle.contact, held)
         self._softness = self.size / (STIFFNESS * self.surface.area)
         self._tolerance = TOLERANCE * float(np.ptp(mesh.points, axis=0).max())
-        moved = trajectory.displacement[:, ~body].astype(np.float64).mean(axis=1)  # (T, 3) of the obstacle
-        self.centres = self.obstacle.path[0] + moved
-        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(moved, axis=0), axis=1))])
-        self._way = way  # (T,) [m] along the path
+        self.centres = centres
+        self._way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))])  # (T,) [m] along the path
         rest = self.surface.positions(mesh.points)
         # Where the obstacle overlaps the body at rest. Later on it may be so deep that it no longer does.
         self.overlaps = np.array([self.obstacle.gap(rest, centre)[0].min() < 0 for centre in self.centres])
@@ -149,7 +148,7 @@ class Estimator:
         return left
 
     def frames(self, frames: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(F, N, 3) displacements [m] at some frames of the trajectory, in ascending order, and the answers of the rest
+        """(F, N, 3) displacements [m] at some frames of the path, in ascending order, and the answers of the rest
         stiffness, turned with the body, to the forces that each of them leaves over (F, N, 3) [m]."""
         shape = (len(frames), *self.mesh.points.shape)
         out, answer = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
@@ -312,14 +311,3 @@ def _rotation(rest: Floats, now: Floats) -> Floats:
     if stretch[1] < 1e-6 * stretch[0] or stretch[0] == 0:
         return np.eye(3)
     return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
-
-
-def _scene(trajectory: Trajectory) -> Scene:
-    if not trajectory.scene:
-        raise InputError('the trajectory holds no scene, which estimate = true needs: train with estimate = false')
-    scene = read_scene(tomllib.loads(trajectory.scene))
-    moved = [support for support in scene.support if any(support.displacement) or set(support.fixed) != set("xyz")]
-    if scene.obstacle is None or scene.load or moved or scene.body.element != "standard" or scene.steps.dynamic:
-        raise InputError("the network corrects estimates, which know clamped bodies pressed by an obstacle alone: no loads, sliding or "
-                         "moving supports, elements other than standard, or inertia; one trained with estimate = false takes such scenes")
-    return scene
