@@ -8,6 +8,7 @@ time only in dynamic scenes.
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -176,6 +177,14 @@ class Scene:
     def to_toml(self) -> str:
         """The scene as a TOML file that `load_scene` reads back unchanged."""
         return tomli_w.dumps(to_table(self))
+
+    @staticmethod
+    def from_toml(text: str) -> Scene:
+        """The scene in a text, as `to_toml` writes it. Raises `InputError`."""
+        try:
+            return read_scene(tomllib.loads(text))
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"its scene is not TOML: {error}") from None
 
 
 def load_scene(path: str | Path) -> Scene:

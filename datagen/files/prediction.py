@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from datagen.files.trajectory import Trajectory, as_solved, read_sound, read_tra
 from physics.fidelity.verify import as_table, verify
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
-from physics.scene import Scene, read_scene
+from physics.scene import Scene
 from physics.schema import InputError
 
 
@@ -37,8 +36,8 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
     if not trajectory.scene:
         raise InputError(f"{path}: holds no scene, so there are no equations to hold a prediction against")
     try:
-        scene = read_scene(tomllib.loads(trajectory.scene))
-    except (InputError, tomllib.TOMLDecodeError) as error:
+        scene = Scene.from_toml(trajectory.scene)
+    except InputError as error:
         raise InputError(f"{path}: its scene is wrong: {error}") from None
     if scene.steps.dynamic:
         raise InputError(f"{path}: a body in motion; predictions are held against the equations of equilibrium, which it does not obey")

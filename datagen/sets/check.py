@@ -16,7 +16,6 @@ Legend: T frames, N nodes.
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +33,7 @@ from physics.fidelity.verify import Checker
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
-from physics.scene import Scene, read_scene
+from physics.scene import Scene
 from physics.schema import InputError
 
 PENETRATION = 1e-3  # largest one that passes, over the smallest side of the body
@@ -82,10 +81,7 @@ def precision(trajectory: Trajectory) -> NDArray[np.float64]:
 
 def against_scene(trajectory: Trajectory, *, steps: int = 5) -> list[str]:
     """What contradicts the scene that a trajectory is said to be of, a line each. Raises `InputError` for a bad scene."""
-    try:
-        scene = read_scene(tomllib.loads(trajectory.scene))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"its scene is not TOML: {error}") from None
+    scene = Scene.from_toml(trajectory.scene)
     mesh, frames = build_mesh(scene.body), len(trajectory.displacement)
     nodes = len(mesh.points)
     if frames != scene.steps.count + 1:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from datagen.sets.check import precision
 from datagen.sets.plan import graph_diameter, summary
 from datagen.sets.workers import progress
 from physics.fem import release
-from physics.scene import Scene, Steps, read_scene
+from physics.scene import Scene, Steps
 from physics.schema import InputError
 from physics.solution import solve
 
@@ -82,7 +81,7 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
         "change_rms": _rms(change), "change_of_change_rms": _rms(np.diff(change, axis=0)) if len(u) > 2 else 0.0,
         "storage_noise": float(np.sqrt((precision(trajectory)[:, free] ** 2).sum(axis=2).mean()))}
     if trajectory.scene:
-        scene = read_scene(tomllib.loads(trajectory.scene))
+        scene = Scene.from_toml(trajectory.scene)
         row |= {"support": " and ".join(support.where for support in scene.support) or "none",
                 "obstacle": scene.obstacle.shape if scene.obstacle else "none"}
     for name, value in trajectory.per_frame.items():
@@ -112,7 +111,7 @@ def mesh_error(trajectory: Trajectory) -> dict[str, float]:
     Raises:
         RuntimeError: one of the two solutions failed
     """
-    scene = read_scene(tomllib.loads(trajectory.scene))
+    scene = Scene.from_toml(trajectory.scene)
     every = _every(scene)
     body = trajectory.body
     mine = trajectory.displacement[::every, body].astype(np.float64)  # (F, N, 3)

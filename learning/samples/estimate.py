@@ -9,7 +9,6 @@ Legend: N nodes, F frames.
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from datagen.files.trajectory import HANDLE, Trajectory
 from physics.reduced.quasistatic import Estimator
-from physics.scene import read_scene
+from physics.scene import Scene
 from physics.schema import InputError
 from physics.whole import written_whole
 
@@ -61,7 +60,7 @@ def estimate(trajectory: Trajectory, frames: NDArray[np.int64], *, cache: Path |
     if path is not None and path.exists():
         found = np.load(path)
     else:
-        found = np.stack(_estimator(trajectory).frames(frames.tolist()))
+        found = np.stack(estimator_of(trajectory).frames(frames.tolist()))
         if path is not None:
             with written_whole(path) as part, open(part, "wb") as handle:
                 np.save(handle, found)
@@ -70,10 +69,10 @@ def estimate(trajectory: Trajectory, frames: NDArray[np.int64], *, cache: Path |
     return Estimate(frames, displacement, answer)
 
 
-def _estimator(trajectory: Trajectory) -> Estimator:
+def estimator_of(trajectory: Trajectory) -> Estimator:
     if not trajectory.scene:
         raise InputError('the trajectory holds no scene, which estimate = true needs: train with estimate = false')
-    scene, body = read_scene(tomllib.loads(trajectory.scene)), trajectory.body
+    scene, body = Scene.from_toml(trajectory.scene), trajectory.body
     moved = trajectory.displacement[:, ~body].astype(np.float64).mean(axis=1) if not body.all() else np.zeros((1, 3))  # (T, 3)
     start = np.zeros(3) if scene.obstacle is None else np.array(scene.obstacle.path[0])
     return Estimator(scene, trajectory.mesh, trajectory.node_kind[body] == HANDLE, start + moved)

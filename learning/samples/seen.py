@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from datagen.files.trajectory import Trajectory
-from physics.scene import read_scene
+from physics.scene import Scene
 from physics.schema import InputError
 from physics.whole import write_whole
 
@@ -58,7 +57,7 @@ def description(trajectory: Trajectory) -> dict[str, Value]:
                  "end of the obstacle's path along x, in lengths of the body": float((end[0] - low[0]) / (high[0] - low[0])),
                  "direction of the obstacle": f"{'-' if path[-1, axis] < 0 else '+'}{'xyz'[axis]}"}
     if trajectory.scene:
-        scene = read_scene(tomllib.loads(trajectory.scene))
+        scene = Scene.from_toml(trajectory.scene)
         told |= {"Young's modulus [Pa]": scene.material.young_modulus, "Poisson's ratio": scene.material.poisson_ratio,
                  "material law": scene.material.law, "shape of the body": scene.body.shape,
                  "supports": ", ".join(sorted(f"{support.where} ({support.fixed})" for support in scene.support)) or "none",
