@@ -29,6 +29,9 @@ KEYS = {
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "cell"),
     "file": ("path",),
 }
+# Which keys each shape of [obstacle] needs, and takes besides shape, axis, path and contact.
+NEEDS = {"sphere": ("radius",), "cylinder": ("radius",), "capsule": ("radius", "length"), "box": ("size",), "half-space": ("normal",)}
+TAKES = NEEDS | {"box": ("size", "radius")}
 CHANNEL = {"length": 1.6, "height": 0.41, "hole_centre": [0.2, 0.2], "hole_radius": 0.05, "cell_size": 0.02,
            "cell": "triangle"}
 
@@ -138,7 +141,7 @@ class Obstacle:
     Its centre follows the way-points of `path`, reached at equal fractions of the steps, the first one at step 0.
     """
 
-    shape: str = quantity(choice=("sphere", "cylinder", "capsule", "box", "half-space"))
+    shape: str = quantity(choice=tuple(NEEDS))
     radius: float | None = quantity(None, unit="m", at_least=0)  # of a box: of its edges, by default a twentieth of its smallest side
     axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule
     length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # capsule, between the centres of its ends
@@ -314,15 +317,13 @@ def _check_place(body: Body, where: str | None, key: str) -> None:
 
 def _complete(obstacle: Obstacle) -> Obstacle:
     """An obstacle with all that its shape needs and nothing else. Raises `InputError`."""
-    needs = {"sphere": {"radius"}, "cylinder": {"radius"}, "capsule": {"radius", "length"}, "box": {"size"}, "half-space": {"normal"}}
     for key in ("radius", "length", "size", "normal"):
         given = getattr(obstacle, key) is not None
-        if key in needs[obstacle.shape] and not given:
+        if key in NEEDS[obstacle.shape] and not given:
             raise InputError(f"obstacle.{key}: missing; a {obstacle.shape} needs it")
-        if given and key not in needs[obstacle.shape] | ({"radius"} if obstacle.shape == "box" else set()):
+        if given and key not in TAKES[obstacle.shape]:
             raise InputError(f"obstacle.{key}: a {obstacle.shape} has none")
-    if obstacle.shape == "box":
-        assert obstacle.size is not None
+    if obstacle.size is not None:
         smallest = min(obstacle.size)
         radius = smallest / 20 if obstacle.radius is None else obstacle.radius
         if radius > smallest / 2:

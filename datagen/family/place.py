@@ -16,8 +16,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from physics.contact.obstacles import Rigid
 from physics.scene import PLACES, Body, Obstacle, read_scene
 from physics.schema import InputError, quantity, read_table
 
@@ -82,13 +81,7 @@ def _path(place: Place, body: Body, obstacle: Obstacle) -> list[list[float]]:
 
 def reach(obstacle: Obstacle, normal: int, face: str) -> float:
     """How far an obstacle's surface lies from its centre towards a face, along a coordinate axis [m]."""
-    axis = np.array(obstacle.axis) / np.linalg.norm(obstacle.axis)
-    radius = obstacle.radius or 0.0
-    if obstacle.shape == "cylinder" and abs(axis[normal]) > 1e-9:
+    found = Rigid(obstacle).shape.reach(normal)
+    if not math.isfinite(found):
         raise InputError(f"obstacle.axis = {list(obstacle.axis)}: must be parallel to obstacle.place's face {face}")
-    if obstacle.shape == "box":
-        assert obstacle.size is not None
-        return obstacle.size[normal] / 2
-    if obstacle.shape == "half-space":
-        return 0.0
-    return radius + (obstacle.length or 0.0) / 2 * abs(float(axis[normal]))
+    return found

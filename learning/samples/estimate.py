@@ -1,7 +1,7 @@
 """Estimates of the quasi-static states at the obstacle's poses, made once for some frames of a trajectory and kept for the next time.
 
-How a state is found: physics/reduced/quasistatic.py. Only rest shape, material, supports and the obstacle's poses are read: never the motion of
-a free node.
+How a state is found: physics/reduced/quasistatic.py. Only rest shape, material, supports and the obstacle's poses are read: never
+the motion of a free node.
 
 Legend: N nodes, F frames.
 """

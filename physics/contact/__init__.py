@@ -1,6 +1,7 @@
 """Where is the obstacle, and what does it do to the body?
 
-    obstacles    shapes: distance, normal, curvature, surface mesh
+    obstacles    shapes: distance, normal, curvature, extents; one of them on its path
+    surfaces     their surfaces as meshes
     conditions   the contact condition gap >= 0, p >= 0, p gap = 0, at points of the body's surface
     touch        contact condensed to the nodes that it takes part in
 """

@@ -72,8 +72,9 @@ class Estimator:
         """
         moved = [support for support in scene.support if any(support.displacement) or set(support.fixed) != set("xyz")]
         if scene.obstacle is None or scene.load or moved or scene.body.element != "standard" or scene.steps.dynamic:
-            raise InputError("the network corrects estimates, which know clamped bodies pressed by an obstacle alone: no loads, sliding or "
-                             "moving supports, elements other than standard, or inertia; one trained with estimate = false takes such scenes")
+            raise InputError("the network corrects estimates, which know clamped bodies pressed by an obstacle alone: no loads, sliding "
+                             "or moving supports, elements other than standard, or inertia; one trained with estimate = false takes such "
+                             "scenes")
         self.mesh, self.obstacle = mesh, Rigid(scene.obstacle)
         self.size = float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
         self.surface = ContactSurface(mesh, scene.obstacle.contact, held)
