@@ -7,7 +7,7 @@
 UFL differentiates W(F) and FFCx turns W, P and A into C code that works on one F, number by number. Nothing in it
 depends on the cell but its arguments, so with every `double` that varies replaced by a pack of eight the same code works on
 eight cells at once, and the compiler finds the wide instructions that it cannot find in the code for one. The sums over nodes
-and the loops over cells stand below in C++. Numbers agree with dolfinx's assembly to rounding.
+and the loops over cells stand in loops.cpp. Numbers agree with dolfinx's assembly to rounding.
 
 Legend: N nodes, C cells, n nodes of a cell, P sample points of a cell, d = 3 n.
 """
@@ -17,6 +17,7 @@ from __future__ import annotations
 import ctypes
 import re
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,127 +31,7 @@ from physics.linalg.native import compiled, pointer
 
 Floats = NDArray[np.float64]
 
-PACK = r"""
-#include <cmath>
-#include <cstdint>
-#ifdef __x86_64__  /* libmvec has these for eight numbers at once; glibc's header says so only where nan is ruled out */
-extern "C" __attribute__((simd("notinbranch"))) double log(double) noexcept;
-extern "C" __attribute__((simd("notinbranch"))) double exp(double) noexcept;
-#endif
-typedef double v8 __attribute__((vector_size(64)));
-struct pack {
-  v8 x;
-  pack() = default;
-  pack(double s) : x(s - v8{}) {}
-  pack(v8 y) : x(y) {}
-  pack &operator+=(pack b) { x += b.x; return *this; }
-};
-static inline pack operator+(pack a, pack b) { return a.x + b.x; }
-static inline pack operator-(pack a, pack b) { return a.x - b.x; }
-static inline pack operator*(pack a, pack b) { return a.x * b.x; }
-static inline pack operator/(pack a, pack b) { return a.x / b.x; }
-static inline pack operator-(pack a) { return -a.x; }
-#define EACH(name, expression) \
-  static inline pack name(pack a) { pack r; for (int l = 0; l < 8; ++l) { double s = a.x[l]; r.x[l] = expression; } return r; }
-EACH(log, std::log(s)) EACH(exp, std::exp(s)) EACH(sqrt, std::sqrt(s)) EACH(fabs, std::fabs(s))
-static inline pack pow(pack a, double e) {
-  if (e == 2) return a * a;
-  if (e == -1) return 1.0 / a;
-  return exp(e * log(a));
-}
-"""
-
-LOOPS = r"""
-enum { n = %(nodes)d, P = %(points)d, d = 3 * n, row = d + 1 };
-/* A tetrahedron of volume 1: FFCx multiplies by it. */
-static const double unit[12] = {0, 0, 0, 6, 0, 0, 0, 1, 0, 0, 0, 1};
-static inline void gather(const int32_t *cell, int64_t left, const double *u, pack *to) {
-  for (int a = 0; a < n; ++a)
-    for (int l = 0; l < 8; ++l) {
-      const double *p = u + 3 * int64_t(cell[(l < left ? l : 0) * n + a]);
-      for (int k = 0; k < 3; ++k) to[3 * a + k].x[l] = p[k];
-    }
-}
-/* A function of F, given the gradients of one sample point. */
-template <class Law> static inline void at(Law law, const pack *u, const pack *g, const double *c, int size, pack *out) {
-  pack F[9];
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) {
-      F[3 * i + j] = double(i == j);
-      for (int a = 0; a < n; ++a) F[3 * i + j] += u[3 * a + i] * g[3 * a + j];
-    }
-  for (int i = 0; i < size; ++i) out[i] = 0.0;
-  law(out, F, c, unit, nullptr, nullptr);
-}
-/* The packs of eight cells from `first`; the last one repeats a cell, whose results are not used. */
-#define OVER_CELLS \
-  for (int64_t first = 0; first < cells; first += 8, table += P * row) { \
-    const int64_t left = cells - first < 8 ? cells - first : 8; \
-    const int32_t *cell = nodes + first * n; \
-    pack x[d]; \
-    gather(cell, left, u, x);
-#define OVER_POINTS \
-    for (int p = 0; p < P; ++p) { \
-      const pack *g = table + p * row, V = g[d]; \
-      const double *lame = constants + 2 * p;
-extern "C" void energies(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
-                         double *out) {
-  OVER_CELLS
-    pack sum = 0.0;
-    OVER_POINTS
-      pack W;
-      at(energy, x, g, lame, 1, &W);
-      sum += V * W;
-    }
-    for (int l = 0; l < left; ++l) out[first + l] = sum.x[l];
-  }
-}
-extern "C" void forces(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
-                       double *out) {
-  OVER_CELLS
-    pack f[d];
-    for (int i = 0; i < d; ++i) f[i] = 0.0;
-    OVER_POINTS
-      pack S[9];
-      at(stress, x, g, lame, 9, S);
-      for (int i = 0; i < 9; ++i) S[i] = V * S[i];
-      for (int a = 0; a < n; ++a)
-        for (int i = 0; i < 3; ++i)
-          for (int j = 0; j < 3; ++j) f[3 * a + i] += S[3 * i + j] * g[3 * a + j];
-    }
-    for (int l = 0; l < left; ++l)
-      for (int a = 0; a < n; ++a)
-        for (int k = 0; k < 3; ++k) out[3 * int64_t(cell[l * n + a]) + k] += f[3 * a + k].x[l];
-  }
-}
-extern "C" void stiffnesses(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
-                            double *out, const int32_t *slot) {
-  OVER_CELLS
-    pack K[d * d];
-    for (int i = 0; i < d * d; ++i) K[i] = 0.0;
-    OVER_POINTS
-      pack A[81];
-      at(tangent, x, g, lame, 81, A);
-      for (int a = 0; a < n; ++a) {
-        pack G[3], T[27];
-        for (int j = 0; j < 3; ++j) G[j] = V * g[3 * a + j];
-        for (int i = 0; i < 3; ++i)
-          for (int m = 0; m < 9; ++m) T[9 * i + m] = G[0] * A[27 * i + m] + G[1] * A[27 * i + 9 + m] + G[2] * A[27 * i + 18 + m];
-        for (int b = a; b < n; ++b)
-          for (int i = 0; i < 3; ++i)
-            for (int k = 0; k < 3; ++k) {
-              const pack *t = T + 9 * i + 3 * k, *h = g + 3 * b;
-              K[(3 * a + i) * d + 3 * b + k] += t[0] * h[0] + t[1] * h[1] + t[2] * h[2];
-            }
-      }
-    }
-    const int32_t *s = slot + first * (d * (d + 1) / 2);
-    for (int l = 0; l < left; ++l)
-      for (int i = 0; i < d; ++i)
-        for (int j = i; j < d; ++j) out[*s++] += K[d * i + j].x[l];
-  }
-}
-"""
+PACK, LOOPS = ((Path(__file__).parent / name).read_text() for name in ("pack.cpp", "loops.cpp"))
 
 
 class Kernel:
@@ -209,7 +90,7 @@ def _library(law: str, nodes: int, points: int) -> ctypes.CDLL:
     domain, tensors = fem.tensors()
     F, S, T = ufl.Coefficient(tensors), ufl.TestFunction(tensors), ufl.TrialFunction(tensors)
     energy = LAWS[law](F, ufl.Constant(domain), ufl.Constant(domain)) * ufl.dx(metadata={"quadrature_degree": 0})
-    loops = LOOPS % {"nodes": nodes, "points": points}
+    loops = f"#define NODES {nodes}\n#define POINTS {points}\n{LOOPS}"
 
     def source() -> str:
         stress = ufl.derivative(energy, F, S)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,92 +29,12 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 LEAF = 20  # nodes of a part that is not cut any further
+# One row of `Dissection.part`: how many unknowns it eliminates and how many its boundary has, where its panel begins, its first
+# place, where its boundary begins, its range in `children`, where in the working memory its remainder is made and where it is kept.
+COLUMNS = ("own", "rest", "panel", "first", "boundary", "child", "last", "made", "kept")
+PART = np.dtype([(name, np.int64) for name in COLUMNS])
 
-SOURCE = r"""
-#include <cstdint>
-#include <cstring>
-typedef int64_t I;
-struct Part { I s, b, panel, first, boundary, child, last, made, kept; };
-typedef void (*Potrf)(const char *, const int *, double *, const int *, int *);
-typedef void (*Trsm)(const char *, const char *, const char *, const char *, const int *, const int *, const double *, const double *,
-                     const int *, double *, const int *);
-typedef void (*Syrk)(const char *, const char *, const int *, const int *, const double *, const double *, const int *, const double *,
-                     double *, const int *);
-typedef void (*Gemm)(const char *, const char *, const int *, const int *, const int *, const double *, const double *, const int *,
-                     const double *, const int *, const double *, double *, const int *);
-typedef void (*Trsv)(const char *, const char *, const char *, const int *, const double *, const int *, double *, const int *);
-typedef void (*Gemv)(const char *, const int *, const int *, const double *, const double *, const int *, const double *, const int *,
-                     const double *, double *, const int *);
-static const double one = 1, none = 0, minus = -1;
-static const int unit = 1;
-
-/* Panels (s + b, s), by columns, hold K's lower entries and become L's; returns 1 + the part that has no factor, or 0. */
-extern "C" I factor(I parts, const Part *part, const I *children, const int32_t *place, double *panels, double *work, Potrf potrf,
-                    Trsm trsm, Syrk syrk) {
-  for (I t = 0; t < parts; ++t) {
-    const Part p = part[t];
-    const int s = p.s, b = p.b, f = s + b;
-    double *F = panels + p.panel, *U = work + p.made;
-    memset(U, 0, sizeof(double) * b * b);
-    for (I i = p.child; i < p.last; ++i) {
-      const Part c = part[children[i]];
-      const int32_t *at = place + c.boundary;  /* where its boundary nodes stand in this part */
-      const double *from = work + c.kept;
-      for (I j = 0; j < c.b / 3; ++j)
-        for (int k = 0; k < 3; ++k, from += c.b) {
-          const I column = 3 * I(at[j]) + k;
-          double *to = column < s ? F + column * f : U + (column - s) * b - s;
-          for (int d = k; d < 3; ++d) to[3 * I(at[j]) + d] += from[3 * j + d];
-          for (I r = j + 1; r < c.b / 3; ++r)
-            for (int d = 0; d < 3; ++d) to[3 * I(at[r]) + d] += from[3 * r + d];
-        }
-    }
-    int info = 0;
-    potrf("L", &s, F, &f, &info);
-    if (info) return t + 1;
-    if (!b) continue;
-    trsm("R", "L", "T", "N", &b, &s, &one, F, &f, F + s, &f);
-    syrk("L", "N", &b, &s, &minus, F + s, &f, &one, U, &b);
-    memmove(work + p.kept, U, sizeof(double) * b * b);
-  }
-  return 0;
-}
-
-/* X := L^-1 X for k right-hand sides, each unknown's k numbers together; `row` says where each node's unknowns stand. */
-extern "C" void forward(I count, const I *chosen, const Part *part, const int32_t *boundary, const I *row, int k, const double *panels,
-                        double *X, double *scratch, Trsm trsm, Gemm gemm, Trsv trsv, Gemv gemv) {
-  for (I i = 0; i < count; ++i) {
-    const Part p = part[chosen[i]];
-    const int s = p.s, b = p.b, f = s + b;
-    const double *F = panels + p.panel;
-    double *x = X + 3 * k * row[p.first];
-    if (k == 1) trsv("L", "N", "N", &s, F, &f, x, &unit);
-    else trsm("R", "L", "T", "N", &k, &s, &one, F, &f, x, &k);
-    if (!b) continue;
-    if (k == 1) gemv("N", &b, &s, &one, F + s, &f, x, &unit, &none, scratch, &unit);
-    else gemm("N", "T", &k, &b, &s, &one, x, &k, F + s, &f, &none, scratch, &k);
-    for (I j = 0; j < b / 3; ++j) {
-      double *to = X + 3 * k * row[boundary[p.boundary + j]];
-      for (I d = 0; d < 3 * k; ++d) to[d] -= scratch[3 * k * j + d];
-    }
-  }
-}
-
-/* x := L^-T x for one right-hand side. */
-extern "C" void backward(I parts, const Part *part, const int32_t *boundary, const double *panels, double *x, double *scratch, Trsv trsv,
-                         Gemv gemv) {
-  for (I t = parts - 1; t >= 0; --t) {
-    const Part p = part[t];
-    const int s = p.s, b = p.b, f = s + b;
-    const double *F = panels + p.panel;
-    if (b) {
-      for (I j = 0; j < b / 3; ++j) memcpy(scratch + 3 * j, x + 3 * I(boundary[p.boundary + j]), 3 * sizeof(double));
-      gemv("T", &b, &s, &minus, F + s, &f, scratch, &unit, &one, x + 3 * p.first, &unit);
-    }
-    trsv("L", "T", "N", &s, F, &f, x + 3 * p.first, &unit);
-  }
-}
-"""
+SOURCE = (Path(__file__).parent / "dissection.cpp").read_text()
 
 
 @dataclass(frozen=True)
@@ -121,8 +42,7 @@ class Dissection:
     """The parts of a mesh in the order of elimination.
 
     order: (N,) our node at each place; place: (N,) the place of each of our nodes
-    part: (P, 9) of each part: s, b, where its panel begins, its first place, where its boundary begins, its range in `children`,
-        where in the working memory its remainder is made, and where it is kept
+    part: (P,) of PART
     children: parts that each part is the sum of; parent: (P,) -1 for the last
     boundary: places of the boundary nodes of all parts; at: where each of them stands in the part's parent (its S, then its B)
     numbers: of all panels; memory: working memory; operations: of one factorisation
@@ -130,7 +50,7 @@ class Dissection:
 
     order: Integers
     place: Integers
-    part: Integers
+    part: NDArray[np.void]
     children: Integers
     parent: Integers
     boundary: NDArray[np.int32]
@@ -219,9 +139,11 @@ def _laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list
         memory = max(memory, top + b[t] ** 2)
         kept[t] = kept[below[0]] if below else top
         top = kept[t] + b[t] ** 2
-    part = np.stack([s, b, panel[:-1], first[:-1], begin[:-1], child[:-1], child[1:], made, kept], axis=1).astype(np.int64)
+    part = np.empty(len(own), PART)
+    for name, column in zip(COLUMNS, (s, b, panel[:-1], first[:-1], begin[:-1], child[:-1], child[1:], made, kept), strict=True):
+        part[name] = column
     return Dissection(
-        order=order, place=place, part=np.ascontiguousarray(part), parent=parent,
+        order=order, place=place, part=part, parent=parent,
         children=np.array([c for below in children for c in below], np.int64),
         boundary=np.concatenate(boundaries).astype(np.int32), at=np.concatenate([*at, []]).astype(np.int32),
         numbers=int(panel[-1]), memory=int(memory), operations=float((s**3 / 3 + s**2 * b + s * b**2).sum()))
@@ -232,13 +154,13 @@ def slots(dissection: Dissection, rows: Integers, columns: Integers) -> Integers
     d = dissection
     late, early = np.maximum(rows, columns), np.minimum(rows, columns)
     row, column = late // 3, early // 3
-    owner = np.repeat(np.arange(len(d.part)), d.part[:, 0] // 3)  # (N,)
-    part = owner[column]
-    s, b, panel, first, begin = d.part[part, :5].T
-    keys = np.repeat(np.arange(len(d.part)), d.part[:, 1] // 3) * len(owner) + d.boundary
-    outside = np.searchsorted(keys, part * len(owner) + row) - begin + s // 3
-    local = np.where(owner[row] == part, row - first, outside)
-    return panel + (early - 3 * first) * (s + b) + 3 * local + late % 3
+    owner = np.repeat(np.arange(len(d.part)), d.part["own"] // 3)  # (N,)
+    number = owner[column]
+    part = d.part[number]
+    keys = np.repeat(np.arange(len(d.part)), d.part["rest"] // 3) * len(owner) + d.boundary
+    outside = np.searchsorted(keys, number * len(owner) + row) - part["boundary"] + part["own"] // 3
+    local = np.where(owner[row] == number, row - part["first"], outside)
+    return part["panel"] + (early - 3 * part["first"]) * (part["own"] + part["rest"]) + 3 * local + late % 3
 
 
 class Panels:
@@ -265,7 +187,7 @@ class Panels:
         """L^-1 x in place, x (N', 3, k); with `parts` closed upwards, the places whose rows (N,) they say are all there is."""
         d, call = self.dissection, self._call
         chosen, k = self._every if parts is None else parts, x.shape[-1]
-        scratch = np.empty(int(d.part[:, 1].max()) * k)
+        scratch = np.empty(int(d.part["rest"].max()) * k)
         self._library.forward(
             ctypes.c_int64(len(chosen)), pointer(chosen), pointer(d.part), pointer(d.boundary),
             pointer(self._rows if rows is None else rows), ctypes.c_int(k), pointer(self.values), pointer(x),
@@ -275,7 +197,7 @@ class Panels:
     def backward(self, x: Floats) -> Floats:
         """L^-T x in place, x (N, 3)."""
         d, call = self.dissection, self._call
-        scratch = np.empty(int(d.part[:, 1].max()))
+        scratch = np.empty(int(d.part["rest"].max()))
         self._library.backward(
             ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.boundary), pointer(self.values), pointer(x),
             pointer(scratch), call["dtrsv"], call["dgemv"])
@@ -289,12 +211,12 @@ class Panels:
         """
         d, places = self.dissection, unknowns[:, 0] // 3
         reached = np.zeros(len(d.part), bool)
-        front = np.unique(np.searchsorted(d.part[:, 3], places, side="right") - 1)
+        front = np.unique(np.searchsorted(d.part["first"], places, side="right") - 1)
         while len(front):  # up to the last separator
             reached[front] = True
             front = np.unique(d.parent[front])
             front = front[front >= 0]
-        inside = np.repeat(reached, d.part[:, 0] // 3)
+        inside = np.repeat(reached, d.part["own"] // 3)
         row = np.cumsum(inside) - 1
         right = np.zeros((3 * int(inside.sum()), unknowns.size))
         right[(3 * row[places][:, None] + np.arange(3)).ravel(), np.arange(unknowns.size)] = free.ravel()

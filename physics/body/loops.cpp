@@ -1,0 +1,90 @@
+/* The loops over cells and sample points: stands after the code for energy, stress and tangent, and after NODES and POINTS. */
+enum { n = NODES, P = POINTS, d = 3 * n, row = d + 1 };
+/* A tetrahedron of volume 1: FFCx multiplies by it. */
+static const double unit[12] = {0, 0, 0, 6, 0, 0, 0, 1, 0, 0, 0, 1};
+static inline void gather(const int32_t *cell, int64_t left, const double *u, pack *to) {
+  for (int a = 0; a < n; ++a)
+    for (int l = 0; l < 8; ++l) {
+      const double *p = u + 3 * int64_t(cell[(l < left ? l : 0) * n + a]);
+      for (int k = 0; k < 3; ++k) to[3 * a + k].x[l] = p[k];
+    }
+}
+/* A function of F, given the gradients of one sample point. */
+template <class Law> static inline void at(Law law, const pack *u, const pack *g, const double *c, int size, pack *out) {
+  pack F[9];
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      F[3 * i + j] = double(i == j);
+      for (int a = 0; a < n; ++a) F[3 * i + j] += u[3 * a + i] * g[3 * a + j];
+    }
+  for (int i = 0; i < size; ++i) out[i] = 0.0;
+  law(out, F, c, unit, nullptr, nullptr);
+}
+/* The packs of eight cells from `first`; the last one repeats a cell, whose results are not used. */
+#define OVER_CELLS \
+  for (int64_t first = 0; first < cells; first += 8, table += P * row) { \
+    const int64_t left = cells - first < 8 ? cells - first : 8; \
+    const int32_t *cell = nodes + first * n; \
+    pack x[d]; \
+    gather(cell, left, u, x);
+#define OVER_POINTS \
+    for (int p = 0; p < P; ++p) { \
+      const pack *g = table + p * row, V = g[d]; \
+      const double *lame = constants + 2 * p;
+extern "C" void energies(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
+                         double *out) {
+  OVER_CELLS
+    pack sum = 0.0;
+    OVER_POINTS
+      pack W;
+      at(energy, x, g, lame, 1, &W);
+      sum += V * W;
+    }
+    for (int l = 0; l < left; ++l) out[first + l] = sum.x[l];
+  }
+}
+extern "C" void forces(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
+                       double *out) {
+  OVER_CELLS
+    pack f[d];
+    for (int i = 0; i < d; ++i) f[i] = 0.0;
+    OVER_POINTS
+      pack S[9];
+      at(stress, x, g, lame, 9, S);
+      for (int i = 0; i < 9; ++i) S[i] = V * S[i];
+      for (int a = 0; a < n; ++a)
+        for (int i = 0; i < 3; ++i)
+          for (int j = 0; j < 3; ++j) f[3 * a + i] += S[3 * i + j] * g[3 * a + j];
+    }
+    for (int l = 0; l < left; ++l)
+      for (int a = 0; a < n; ++a)
+        for (int k = 0; k < 3; ++k) out[3 * int64_t(cell[l * n + a]) + k] += f[3 * a + k].x[l];
+  }
+}
+extern "C" void stiffnesses(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
+                            double *out, const int32_t *slot) {
+  OVER_CELLS
+    pack K[d * d];
+    for (int i = 0; i < d * d; ++i) K[i] = 0.0;
+    OVER_POINTS
+      pack A[81];
+      at(tangent, x, g, lame, 81, A);
+      for (int a = 0; a < n; ++a) {
+        pack G[3], T[27];
+        for (int j = 0; j < 3; ++j) G[j] = V * g[3 * a + j];
+        for (int i = 0; i < 3; ++i)
+          for (int m = 0; m < 9; ++m) T[9 * i + m] = G[0] * A[27 * i + m] + G[1] * A[27 * i + 9 + m] + G[2] * A[27 * i + 18 + m];
+        for (int b = a; b < n; ++b)
+          for (int i = 0; i < 3; ++i)
+            for (int k = 0; k < 3; ++k) {
+              const pack *t = T + 9 * i + 3 * k, *h = g + 3 * b;
+              K[(3 * a + i) * d + 3 * b + k] += t[0] * h[0] + t[1] * h[1] + t[2] * h[2];
+            }
+      }
+    }
+    const int32_t *s = slot + first * (d * (d + 1) / 2);
+    for (int l = 0; l < left; ++l)
+      for (int i = 0; i < d; ++i)
+        for (int j = i; j < d; ++j) out[*s++] += K[d * i + j].x[l];
+  }
+}

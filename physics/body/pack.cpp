@@ -1,0 +1,28 @@
+/* Eight numbers side by side that behave like one: stands before the code that FFCx writes for a law. */
+#include <cmath>
+#include <cstdint>
+#ifdef __x86_64__  /* libmvec has these for eight numbers at once; glibc's header says so only where nan is ruled out */
+extern "C" __attribute__((simd("notinbranch"))) double log(double) noexcept;
+extern "C" __attribute__((simd("notinbranch"))) double exp(double) noexcept;
+#endif
+typedef double v8 __attribute__((vector_size(64)));
+struct pack {
+  v8 x;
+  pack() = default;
+  pack(double s) : x(s - v8{}) {}
+  pack(v8 y) : x(y) {}
+  pack &operator+=(pack b) { x += b.x; return *this; }
+};
+static inline pack operator+(pack a, pack b) { return a.x + b.x; }
+static inline pack operator-(pack a, pack b) { return a.x - b.x; }
+static inline pack operator*(pack a, pack b) { return a.x * b.x; }
+static inline pack operator/(pack a, pack b) { return a.x / b.x; }
+static inline pack operator-(pack a) { return -a.x; }
+#define EACH(name, expression) \
+  static inline pack name(pack a) { pack r; for (int l = 0; l < 8; ++l) { double s = a.x[l]; r.x[l] = expression; } return r; }
+EACH(log, std::log(s)) EACH(exp, std::exp(s)) EACH(sqrt, std::sqrt(s)) EACH(fabs, std::fabs(s))
+static inline pack pow(pack a, double e) {
+  if (e == 2) return a * a;
+  if (e == -1) return 1.0 / a;
+  return exp(e * log(a));
+}
