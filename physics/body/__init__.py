@@ -4,6 +4,7 @@
     element      where the energy of a cell is sampled
     kernel       W and its derivatives for eight cells at once, compiled
     elasticity   energy, forces, tangent stiffness and mass of a body
+    lumped       the same with a lumped mass added to the stiffness
     stress       Piola-Kirchhoff and von Mises stress
     supports     what is held and loaded, and which rigid motions that leaves
 """

@@ -20,6 +20,7 @@ from physics import fem
 from physics.body.element import samples
 from physics.body.kernel import Kernel
 from physics.body.material import lame
+from physics.linalg.stiffness import Stiffness
 from physics.mesh.mesh import Mesh
 from physics.scene import Material
 from physics.schema import InputError
@@ -41,7 +42,7 @@ class Elasticity:
         self.mesh, self.material, self.fixed, self.element = mesh, material, fixed, element
         self._kernel, self._lame = Kernel(material.law, mesh.cells, samples(mesh, element)), lame(material)
         self.cells = self._kernel.cells
-        self._matrix: _Matrix | None = None
+        self._matrix: Matrix | None = None
 
     @cached_property
     def space(self) -> fem.Space:
@@ -61,15 +62,16 @@ class Elasticity:
 
         The matrix is overwritten by the next call.
         """
-        self._matrix = self._matrix or _Matrix(self.space, self.mesh, self.fixed)
-        values = self._matrix.values
-        values[:] = 0.0
-        self.add_stiffness(u, self._matrix.slot, values)
-        return self._matrix.complete()
+        self._matrix = self._matrix or Matrix(self.space, self.mesh, self.fixed)
+        return self._matrix.of(self, u)
 
-    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
-        """Add the entries of each cell's tangent stiffness to out[slot], slot (C, d (d + 1) / 2), d = 3 n, of `pairs`."""
-        self._kernel.add_stiffness(u, self._lame, slot, out)
+    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats, *, scale: float = 1.0) -> None:
+        """Add the entries of each cell's tangent stiffness to out[slot], slot (C, d (d + 1) / 2), d = 3 n, of `pairs`.
+
+        scale: of the stiffness; all laws are linear in Lame's parameters
+        """
+        first, second = self._lame
+        self._kernel.add_stiffness(u, (scale * first, scale * second), slot, out)
 
     def pairs(self, unknown: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Which entries of a stiffness a cell adds to: rows and columns (C, d (d + 1) / 2), none of them twice.
@@ -101,13 +103,13 @@ class Elasticity:
 
 def small_strain_stiffness(space: fem.Space, mesh: Mesh, material: Material, element: str) -> PETSc.Mat:
     """Stiffness by Hooke's law in a space's order, no component held; the caller destroys it. For one process."""
-    matrix = _Matrix(space, mesh, np.zeros(mesh.points.shape, bool))
+    matrix = Matrix(space, mesh, np.zeros(mesh.points.shape, bool))
     kernel = Kernel("linear", mesh.cells, samples(mesh, element))
     kernel.add_stiffness(np.zeros(mesh.points.shape), lame(material), matrix.slot, matrix.values)
     return matrix.complete().copy()
 
 
-class _Matrix:
+class Matrix:
     """A sparse matrix in dolfinx's order whose entries are written from outside.
 
     petsc: the matrix; values: (entries + 1,) its numbers, and one more where held rows and columns go
@@ -142,6 +144,12 @@ class _Matrix:
         self.slot = np.ascontiguousarray(of_cell[:, *np.triu_indices(3 * n)], np.int32)
         self.values = np.zeros(len(indices) + 1)
         self.petsc = PETSc.Mat().createAIJWithArrays(3 * nodes, (indptr, indices, self.values[:-1]), bsize=3, comm=PETSc.COMM_SELF)
+
+    def of(self, body: Stiffness, u: Floats) -> PETSc.Mat:
+        """The tangent stiffness of a body at displacements (N, 3)."""
+        self.values[:] = 0.0
+        body.add_stiffness(u, self.slot, self.values)
+        return self.complete()
 
     def complete(self) -> PETSc.Mat:
         """The matrix, once everything is added to its lower half."""

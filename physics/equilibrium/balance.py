@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
+from physics.body.lumped import Lumped
 from physics.body.supports import held, prescribed, rigid_motions_left, traction_load
 from physics.contact.conditions import Contact, ContactSurface
 from physics.contact.obstacles import Rigid
@@ -30,7 +31,7 @@ class Balance:
     Attributes:
         fixed: (N, 3) True on held components; target: (N, 3) their displacements at the last step [m]
         load: (N, 3) dead loads at the last step [N]
-        elasticity: internal forces; contact: None without an obstacle
+        body: internal forces; elasticity: of the step, which in motion has inertia in it; contact: None without an obstacle
         size: of a cell [m]
         floor: force [N] below which rounding in f(u) takes over
         bearing: nodes whose forces are the reaction when there is no obstacle: of supports that move, else of all of them
@@ -45,11 +46,12 @@ class Balance:
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.fixed, self.target = held(scene, mesh), prescribed(scene, mesh)
         self.bearing = np.flatnonzero(self.target.any(axis=1) if self.target.any() else self.fixed.any(axis=1))
-        self.elasticity = Elasticity(mesh, scene.material, self.fixed, scene.body.element)
+        self.body = Elasticity(mesh, scene.material, self.fixed, scene.body.element)
+        self.elasticity: Elasticity | Lumped = self.body
         self.load = traction_load(scene, mesh)
         for load in scene.load:
             if load.acceleration is not None:
-                self.load += self.elasticity.weight(np.array(load.acceleration))
+                self.load += self.body.weight(np.array(load.acceleration))
         self.contact: Contact | None = None
         if scene.obstacle is not None:
             rigid = Rigid(scene.obstacle)

@@ -125,7 +125,7 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, st
         return None, (f"finite strain: the obstacle reaches {depth:.2g} m into where the body rests, {depth / extent:.1g} of its largest "
                       f"extent; small strain is not tried above {DEEPEST:g}")
     linear = Linear(Newton(Balance(replace(scene, material=replace(scene.material, law="linear")), mesh,
-                                   method=finite.method, spread=finite.spread)), finite.elasticity)
+                                   method=finite.method, spread=finite.spread)), finite.body)
     try:
         end = (linear.whole if finite.contact is None else linear.at(fraction)).u
     except NoEquilibrium:

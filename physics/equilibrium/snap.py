@@ -21,7 +21,7 @@ import copy
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.body.elasticity import Elasticity
+from physics.body.lumped import Lumped
 from physics.equilibrium.balance import Balance
 from physics.equilibrium.newton import NEAR, Newton, NoEquilibrium, State
 from physics.linalg.factor import NotPositiveDefinite
@@ -35,23 +35,6 @@ PATIENCE = 5  # steps after one that was too long before longer ones are tried
 AT_REST = 0.02  # residual over reaction below which Newton's method may finish
 
 
-class Immersed(Elasticity):
-    """A body whose stiffness is that of a step of implicit Euler, K + s M / dt; `drag` is s / dt [Pa/m2]."""
-
-    def __init__(self, body: Elasticity) -> None:
-        self.__dict__.update(body.__dict__)
-        self._matrix = None
-        n = self.cells.shape[1]
-        first, second = np.triu_indices(3 * n)
-        self._share = cell_volumes(self.mesh.points, self.mesh.cells, self.mesh.cell) / n  # (C,) [m3] of each of its nodes
-        self._diagonal = np.flatnonzero(first == second)  # among the pairs of unknowns of a cell
-        self.drag = 0.0
-
-    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
-        super().add_stiffness(u, slot, out)
-        np.add.at(out, slot[:, self._diagonal], self.drag * self._share[:, None])
-
-
 class Relaxation(Newton):
     """The motion of a body in a viscous medium, from one equilibrium to the next."""
 
@@ -59,7 +42,10 @@ class Relaxation(Newton):
     round_obstacle = False
 
     def __init__(self, balance: Balance) -> None:
-        self.body = Immersed(balance.elasticity)
+        mesh = balance.mesh
+        volumes = cell_volumes(mesh.points, mesh.cells, mesh.cell) / mesh.cells.shape[1]  # (C,) [m3] of each of a cell's nodes
+        # The stiffness of a step of implicit Euler is K + s M / dt; what is added is s / dt [Pa/m2], the drag.
+        self.body = Lumped(balance.body, np.repeat(volumes[:, None], mesh.cells.shape[1], axis=1))
         immersed = copy.copy(balance)
         immersed.elasticity = self.body
         super().__init__(immersed)
@@ -115,7 +101,7 @@ class Relaxation(Newton):
     def _euler(self, fraction: float, u: Floats, pressure: Floats, drag: float) -> tuple[Floats, Floats, float, float] | None:
         """Displacements, contact forces, the longest way of a node and the longest allowed [m]; None when the step is too long."""
         balance = self.balance
-        self.body.drag = drag
+        self.body.added = drag
         touch = self._touch(fraction, u, pressure)
         try:
             self._refactor(u)

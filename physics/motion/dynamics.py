@@ -30,49 +30,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
+from physics.body.lumped import Lumped
 from physics.body.supports import traction_load
 from physics.equilibrium.balance import Balance, cells_said, contact_said
 from physics.equilibrium.extrapolation import HALVINGS, best_order, extrapolate
 from physics.equilibrium.journal import Arrays
 from physics.equilibrium.newton import TOLERANCE, Newton, NoEquilibrium, State
+from physics.mesh.cell import GAUSS
 from physics.mesh.mesh import Mesh
 from physics.motion.impact import Sweeping, bear
 from physics.scene import Scene
 
 Floats = NDArray[np.float64]
 
-GAUSS = (0.5 - 12**-0.5, 0.5 + 12**-0.5)
 STOP = 10  # steps in which the smallest force that matters would stop the body
 
 
-class Moving(Elasticity):
+class Moving(Lumped):
     """A body within one step of time, whose forces and stiffness are those of the step's equations."""
 
     def __init__(self, body: Elasticity) -> None:
-        self.__dict__.update(body.__dict__)
-        self._matrix = None
-        first, second = body._lame
-        self._lame = first / 2, second / 2  # all laws are linear in these: half the stiffness
-        self.body = body
         self.node_mass = body.weight(np.ones(3))[:, :1]  # (N, 1) [kg]
-        self._share = (self.node_mass.ravel() / np.bincount(self.cells.ravel()))[self.cells]  # (C, n)
+        share = (self.node_mass.ravel() / np.bincount(body.cells.ravel()))[body.cells]  # (C, n)
+        super().__init__(body, share, scale=0.5)
         self.start = self.velocity = self.outer = np.zeros_like(body.mesh.points)
         self.h = 0.0
 
     def begin(self, u: Floats, velocity: Floats, outer: Floats, h: float) -> None:
         """A step of h [s] from displacements and velocities (N, 3) under mean outer forces (N, 3)."""
         self.start, self.velocity, self.outer, self.h = u, velocity, outer, h
+        self.added = 2 / h**2
 
     def force(self, u: Floats) -> Floats:
         """What is missing to the balance of the step that ends at u (N, 3), contact left out [N]."""
         way = u - self.start
         inner = (self.body.force(self.start + GAUSS[0] * way) + self.body.force(self.start + GAUSS[1] * way)) / 2
         return inner - self.outer + self.node_mass * (2 / self.h**2 * (way - self.h * self.velocity))
-
-    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
-        super().add_stiffness(u, slot, out)
-        first, second = np.triu_indices(3 * self.cells.shape[1])
-        np.add.at(out, slot[:, first == second], np.repeat(2 / self.h**2 * self._share, 3, axis=1))
 
 
 class Motion:
@@ -83,14 +76,14 @@ class Motion:
     def __init__(self, scene: Scene, mesh: Mesh) -> None:
         rest = Balance(scene, mesh)
         assert scene.steps.duration is not None
-        self.duration, self.body, self.fixed = scene.steps.duration, rest.elasticity, rest.fixed
+        self.duration, self.body, self.fixed = scene.steps.duration, rest.body, rest.fixed
         self.sudden = traction_load(replace(scene, load=tuple(load for load in scene.load if load.sudden)), mesh)  # (N, 3) [N]
         for load in scene.load:
             if load.sudden and load.acceleration is not None:
                 self.sudden = self.sudden + self.body.weight(np.array(load.acceleration))
         self.growing = rest.load - self.sudden
         self.balance = copy.copy(rest)
-        self.balance.elasticity = self.moving = Moving(rest.elasticity)
+        self.balance.elasticity = self.moving = Moving(rest.body)
         self.balance.load = np.zeros_like(rest.load)  # the loads are among the forces of the step
         self.balance.contact = None if rest.contact is None else Sweeping(rest.contact)
         self.newton = Newton(self.balance)
@@ -207,5 +200,5 @@ class Motion:
         self.velocity = memory["velocity"]
         self.order, self.halvings = (int(count) for count in memory["counts"])
         self._factored_h, self._largest = (float(scale) for scale in memory["scales"])
-        self.moving.h = self._factored_h
+        self.moving.h, self.moving.added = self._factored_h, 2 / self._factored_h**2 if self._factored_h else 0.0
         self.newton.recall({name.removeprefix("newton_"): array for name, array in memory.items() if name.startswith("newton_")})

@@ -31,7 +31,7 @@ class Sweeping(Contact):
     """Contact within a step of time, with mean normals; `begin` says where the step starts."""
 
     def __init__(self, contact: Contact) -> None:
-        self.__dict__.update(contact.__dict__)
+        self.surface, self.obstacle, self.rest, self.softness = contact.surface, contact.obstacle, contact.rest, contact.softness
         self.u, self.centre = np.zeros_like(contact.rest), contact.obstacle.position(0.0)
 
     def begin(self, u: Floats, centre: Floats) -> None:

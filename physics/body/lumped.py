@@ -1,0 +1,53 @@
+"""A body with a lumped mass, or any other share of its nodes, added to its stiffness: what a step of time makes of it.
+
+    K'(u) = s K(u) + c diag(m)        s, c: of the step; m_a = sum over cells of the cell's share for its node a
+
+A step through time has the masses for m (motion/dynamics.py), one through a viscous medium the volumes (equilibrium/snap.py).
+Legend: N nodes, C cells of n nodes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from physics import fem
+from physics.body.elasticity import Elasticity, Matrix
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Lumped:
+    """The same body, its stiffness scaled by `scale` and the shares (C, n) times `added` put on the diagonal."""
+
+    def __init__(self, body: Elasticity, share: Floats, *, scale: float = 1.0) -> None:
+        self.body, self.share, self.scale, self.added = body, share, scale, 0.0
+        self.mesh, self.material, self.fixed, self.cells = body.mesh, body.material, body.fixed, body.cells
+        first, second = np.triu_indices(3 * self.cells.shape[1])
+        self._diagonal = np.flatnonzero(first == second)  # among the pairs of unknowns of a cell
+        self._matrix: Matrix | None = None
+
+    @property
+    def space(self) -> fem.Space:
+        return self.body.space
+
+    def energy(self, u: Floats) -> float:
+        """Stored energy [J] of the body at displacements (N, 3) [m]."""
+        return self.body.energy(u)
+
+    def force(self, u: Floats) -> Floats:
+        """Internal nodal forces (N, 3) [N] of the body at displacements (N, 3) [m]."""
+        return self.body.force(u)
+
+    def pairs(self, unknown: Integers) -> tuple[Integers, Integers]:
+        return self.body.pairs(unknown)
+
+    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
+        self.body.add_stiffness(u, slot, out, scale=self.scale)
+        np.add.at(out, slot[:, self._diagonal], self.added * np.repeat(self.share, 3, axis=1))
+
+    def stiffness(self, u: Floats) -> PETSc.Mat:
+        self._matrix = self._matrix or Matrix(self.space, self.mesh, self.fixed)
+        return self._matrix.of(self, u)
