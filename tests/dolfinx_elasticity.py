@@ -6,9 +6,9 @@ import numpy as np
 import ufl
 
 from physics import fem
-from physics.body.elasticity import Elasticity
-from physics.body.material import LAWS, lame
-from physics.mesh.cell import RULES
+from physics.elasticity import Elasticity
+from physics.element import RULES
+from physics.material import LAWS, lame
 
 
 class DolfinxElasticity(Elasticity):

@@ -1,12 +1,12 @@
-"""The network of learning/networks/m4gn.py as its equations read, with its weights: the inputs of each edge side by side, in float32."""
+"""The network of learning/m4gn.py as its equations read, with its weights: the inputs of each edge side by side, in float32."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from learning.graphs.graph import Graph
-from learning.networks.m4gn import M4GN
+from learning.graph import Graph
+from learning.m4gn import M4GN
 
 
 def forward(network: M4GN, graph: Graph) -> Tensor:

@@ -6,9 +6,9 @@ import scipy.sparse
 from scipy.sparse.csgraph import shortest_path
 
 import fidelity
-from datagen.family.family import counts, load_family
-from datagen.sets.plan import figures, graph_diameter, planned
-from physics.mesh.build import build_mesh
+from datagen.family import counts, load_family
+from datagen.plan import figures, graph_diameter, planned
+from physics.mesh import build_mesh
 from physics.scene import Body
 from tests.scenes import pressed
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datagen.sets.generate import trajectory_of
-from learning.samples.estimate import estimate
-from physics.body.elasticity import Elasticity
-from physics.mesh.build import build_mesh
-from physics.reduced.elastic import Elastic
-from physics.reduced.quasistatic import Estimator
-from physics.reduced.space import Reduced, derivatives
+from datagen.generate import trajectory_of
+from learning.elastic import Elastic
+from learning.estimate import estimate
+from learning.quasistatic import Estimator
+from learning.reduced import Reduced, derivatives
+from physics.elasticity import Elasticity
+from physics.mesh import build_mesh
 from physics.scene import Body, Material, read_scene
 from physics.schema import InputError
 from tests.pressed import SCENE, pressed

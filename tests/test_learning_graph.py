@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from datagen.files.trajectory import OBSTACLE
-from learning.graphs.graph import build_graph, build_skeleton, contact_edges, join
+from datagen.trajectory import OBSTACLE
+from learning.graph import build_graph, build_skeleton, contact_edges, join
 from tests.synthetic import bending
 
 RADIUS = 0.006

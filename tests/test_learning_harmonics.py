@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datagen.files.trajectory import HANDLE, WALL, at_rest
-from learning.segments.harmonics import harmonics, laplacian
-from physics.mesh.build import build_mesh
-from physics.modes.laplacian import laplacian_modes
+from datagen.trajectory import HANDLE, WALL, at_rest
+from learning.harmonics import harmonics, laplacian
+from physics.laplacian import laplacian_modes
+from physics.mesh import build_mesh
 from physics.scene import Body
 from physics.schema import InputError
 

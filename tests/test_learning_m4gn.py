@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from learning.graphs.graph import Graph, build_graph, build_skeleton, join
-from learning.networks.m4gn import M4GN, M4GNConfig, mean_of_segments, products
-from learning.segments.cut import segment
+from learning.graph import Graph, build_graph, build_skeleton, join
+from learning.m4gn import M4GN, M4GNConfig, mean_of_segments, products
+from learning.segments import segment
 from physics.schema import InputError
 from tests import plain_m4gn
 from tests.synthetic import bending

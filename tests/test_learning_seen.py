@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from learning.samples.seen import FILE, description, outside, read_seen, seen, write_seen
+from learning.seen import FILE, description, outside, read_seen, seen, write_seen
 from physics.schema import InputError
 from tests.scenes import pressed
 from tests.synthetic import bending

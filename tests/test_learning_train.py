@@ -15,14 +15,14 @@ import tomli_w
 import torch
 
 import learning
-from datagen.files.trajectory import NORMAL, problems, read_trajectory, write_trajectory
+from datagen.trajectory import NORMAL, problems, read_trajectory, write_trajectory
+from learning.checkpoint import Model, load_model, read_state
 from learning.config import TrainConfig, load_config
-from learning.graphs.graph import build_graph
-from learning.networks.m4gn import M4GN, M4GNConfig
-from learning.prediction.checkpoint import Model, load_model, read_state
-from learning.prediction.rollout import predict_step, rollout
-from learning.samples.samples import build_case, fit_normaliser, sample
-from learning.training.train import learning_rate, train
+from learning.data import build_case, fit_normaliser, sample
+from learning.graph import build_graph
+from learning.m4gn import M4GN, M4GNConfig
+from learning.rollout import predict_step, rollout
+from learning.train import learning_rate, train
 from physics.schema import InputError, to_table
 from tests.synthetic import bending
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from physics.body.supports import nodal_areas
-from physics.contact.conditions import ContactSurface, solve_complementarity
-from physics.contact.obstacles import Rigid
-from physics.mesh.build import build_mesh
+from physics.contact import ContactSurface, solve_complementarity
+from physics.mesh import build_mesh
+from physics.obstacle import Rigid
 from physics.scene import Body, Obstacle
 from physics.schema import InputError
+from physics.supports import nodal_areas
 
 ROOT = (0.1, 0.2, 0.3)
 SPHERE = Obstacle(shape="sphere", radius=0.3, path=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)))

@@ -8,18 +8,17 @@ import pytest
 import scipy.linalg
 import scipy.sparse.linalg
 
-from physics.body.elasticity import Elasticity
-from physics.body.element import samples
-from physics.body.material import LAWS
-from physics.body.supports import traction_load
-from physics.fidelity.verify import Checker
-from physics.mesh.build import build_mesh
-from physics.mesh.cell import shape_gradients
-from physics.mesh.quality import cell_volumes
-from physics.modes.elastic import elastic_modes
+from physics.elasticity import Elasticity
+from physics.element import samples, shape_gradients
+from physics.equilibrium import solve
+from physics.material import LAWS
+from physics.mesh import build_mesh
+from physics.modes import elastic_modes
+from physics.quality import cell_volumes
 from physics.scene import Body, Material, read_scene
 from physics.schema import InputError
-from physics.solution import solve
+from physics.supports import traction_load
+from physics.verify import Checker
 from tests.invariants import assert_forces_and_stiffness_are_derivatives, assert_rigid_motion_stores_nothing
 from tests.scenes import beam, pressed
 from tests.test_physics_equilibrium import cooks_membrane

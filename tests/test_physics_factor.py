@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from physics.equilibrium.balance import Balance
-from physics.equilibrium.mixing import Mixing
-from physics.linalg.dissection import dissect
-from physics.linalg.factor import BandFactor, DissectionFactor, NotPositiveDefinite, SparseFactor, narrowest_order
-from physics.mesh.build import build_mesh
+from physics.balance import Balance
+from physics.dissection import dissect
+from physics.factor import BandFactor, DissectionFactor, NotPositiveDefinite, SparseFactor, narrowest_order
+from physics.mesh import build_mesh
+from physics.mixing import Mixing
 from tests.scenes import beam
 
 

@@ -8,10 +8,8 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkFiltersVerdict import vtkCellQuality
 
-from physics.mesh import quality
-from physics.mesh.build import build_mesh
-from physics.mesh.cell import VTK_TYPE
-from physics.mesh.mesh import Mesh
+from physics import quality
+from physics.mesh import VTK_TYPE, Mesh, build_mesh
 from physics.scene import Body
 from physics.schema import InputError
 

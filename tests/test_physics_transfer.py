@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from physics.mesh.build import build_mesh
-from physics.mesh.mesh import Mesh
-from physics.mesh.transfer import interpolate
+from physics.mesh import Mesh, build_mesh
 from physics.scene import Body
+from physics.transfer import interpolate
 
 
 def beam(cell: str, cells: tuple[int, int, int]) -> Mesh:
