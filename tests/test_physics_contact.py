@@ -1,4 +1,4 @@
-"""Obstacles and contact: distances, points of the surface, and the complementarity problem."""
+"""Contact: points of the surface, the zone near the obstacle, and the complementarity problem."""
 
 import numpy as np
 import pytest
@@ -6,79 +6,9 @@ import scipy.optimize
 
 from physics.contact import ContactSurface, solve_complementarity
 from physics.mesh import build_mesh
-from physics.obstacle import Rigid
-from physics.scene import Body, Obstacle
+from physics.scene import Body
 from physics.schema import InputError
 from physics.supports import nodal_areas
-
-ROOT = (0.1, 0.2, 0.3)
-SPHERE = Obstacle(shape="sphere", radius=0.3, path=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
-OBSTACLES = {
-    "sphere": SPHERE,
-    "cylinder": Obstacle(shape="cylinder", radius=0.3, axis=(0.0, 2.0, 1.0), path=(ROOT,)),
-    "capsule": Obstacle(shape="capsule", radius=0.3, length=0.8, axis=(1.0, 2.0, 1.0), path=(ROOT,)),
-    "box": Obstacle(shape="box", radius=0.1, size=(0.6, 0.8, 1.0), path=(ROOT,)),
-    "half-space": Obstacle(shape="half-space", normal=(0.0, 1.0, 2.0), path=(ROOT,)),
-}
-VOLUME = {"sphere": 4 / 3 * np.pi * 0.3**3, "cylinder": np.pi * 0.3**2 * 1.2, "capsule": 4 / 3 * np.pi * 0.3**3 + np.pi * 0.3**2 * 0.8,
-          # a box swollen by 0.1: itself, plates on its faces, quarter cylinders on its edges, eighths of a sphere at its corners
-          "box": 0.4 * 0.6 * 0.8 + 0.2 * (0.24 + 0.48 + 0.32) + np.pi * 0.01 * 1.8 + 4 / 3 * np.pi * 0.001}
-BODY = np.array([[0.0, -0.5, -0.5], [0.0, 0.5, 0.5], [0.2, 0.0, 0.0]])
-
-
-@pytest.mark.parametrize("shape", OBSTACLES)
-def test_normal_is_the_gradient_of_the_gap(shape):
-    rigid, points = Rigid(OBSTACLES[shape]), np.random.default_rng(0).normal(size=(200, 3))
-    centre = rigid.position(0.0)
-    gap, normal = rigid.gap(points, centre)
-    step = 1e-6  # central differences: order step^2
-    slope = [(rigid.gap(points + step * e, centre)[0] - rigid.gap(points - step * e, centre)[0]) / (2 * step) for e in np.eye(3)]
-    assert np.transpose(slope) == pytest.approx(normal, abs=1e-8)
-    assert np.linalg.norm(normal, axis=1) == pytest.approx(1)
-    assert rigid.gap(points - gap[:, None] * normal, centre)[0] == pytest.approx(0, abs=1e-12)
-
-
-@pytest.mark.parametrize("shape", OBSTACLES)
-def test_bend_is_the_second_derivative_of_the_gap(shape):
-    rigid, points = Rigid(OBSTACLES[shape]), np.random.default_rng(0).normal(size=(200, 3))
-    centre = rigid.position(0.0)
-    points = points[rigid.gap(points, centre)[0] > -0.9 * rigid.radius]  # deeper than the rounding is wide nothing is smooth
-    step = 1e-6  # central differences: order step^2, but for the few points within a step of where two regions meet: none here
-    slope = [(rigid.gap(points + step * e, centre)[1] - rigid.gap(points - step * e, centre)[1]) / (2 * step) for e in np.eye(3)]
-    bend = rigid.bend(points, centre)
-    assert np.einsum("qik,qil->qkl", bend, bend) == pytest.approx(np.transpose(slope, (1, 2, 0)), abs=1e-6)
-
-
-@pytest.mark.parametrize("shape", VOLUME)
-def test_surface_mesh_is_closed_and_lies_on_the_surface(shape):
-    rigid = Rigid(OBSTACLES[shape])
-    points, triangles = rigid.surface_mesh(BODY, size=0.1)
-    gap = rigid.gap(points, rigid.path[0])[0]
-    inside = abs(gap + 0.3) < 1e-12 if shape == "cylinder" else np.zeros(len(gap), bool)  # the middles of its ends
-    assert gap[~inside] == pytest.approx(0, abs=1e-12) and inside.sum() <= 2
-    directed = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    assert sorted(map(tuple, directed)) == sorted(map(tuple, directed[:, ::-1]))  # each edge once in either direction
-    a, b, c = (points[triangles[:, i]] - rigid.path[0] for i in range(3))
-    volume = (np.cross(a, b) * c).sum() / 6
-    exact = VOLUME[shape]
-    if shape == "cylinder":  # as long as the body along its axis, and one edge more at either end
-        exact = np.pi * 0.3**2 * (np.ptp(BODY @ rigid.axis) + 0.2)
-    assert 0.85 * exact < volume < exact  # inscribed, outward
-
-
-def test_half_space_is_shown_as_a_square_below_the_body():
-    rigid = Rigid(OBSTACLES["half-space"])
-    points, triangles = rigid.surface_mesh(BODY, size=0.1)
-    assert rigid.gap(points, rigid.path[0])[0] == pytest.approx(0, abs=1e-12)
-    a, b, c = (points[triangles[:, i]] for i in range(3))
-    assert (np.cross(b - a, c - a) @ rigid.axis > 0).all()
-
-
-def test_waypoints_are_reached_at_equal_fractions():
-    rigid = Rigid(SPHERE)
-    assert rigid.position(0.25) == pytest.approx([0.5, 0, 0])
-    assert rigid.position(0.5) == pytest.approx([1, 0, 0])
-    assert rigid.position(1.0) == pytest.approx([1, 1, 0])
 
 
 @pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
