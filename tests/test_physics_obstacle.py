@@ -68,7 +68,7 @@ def test_distance_and_normal_worked_out_on_paper(case):
     assert found[0] == pytest.approx(gap, abs=1e-13) and direction[0] == pytest.approx(np.array(normal), abs=1e-13)
 
 
-@pytest.mark.parametrize("keys", [{"shape": "sphere"}, {"shape": "cylinder"}, {"shape": "capsule", "length": 0.8}], ids=lambda k: k["shape"])
+@pytest.mark.parametrize("keys", [{"shape": "sphere"}, {"shape": "cylinder"}, {"shape": "capsule", "length": 0.8}])
 def test_on_the_axis_the_normal_is_one_of_those_as_good(keys):
     body, centre = rigid(radius=0.3, axis=(0.0, 0.0, 2.0), **keys), np.array(ROOT)
     points = centre + [[0, 0, 0], [3, 0, 0], [0, 0, 0.25]]
