@@ -25,12 +25,13 @@ def test_a_fair_duration_lets_the_body_swing_by_a_hundredth():
     assert fair_duration(beam(obstacle=THREE), 0.25) == pytest.approx(3 * 0.25 * 31.8309886)
 
 
-FAIR_FROM = "left out; fair when the loading takes at least {} s, {} periods of the first mode ({} Hz): then the body swings by at most 1% of its " \
-            "static displacement. The scene gives no duration"
-TAKES = "left out: the loading takes {} s, {} periods of the first mode (20 Hz), so that the body swings by at most {} of its static displacement"
+FAIR_FROM = "left out; fair when the loading takes at least {} s, {} periods of the first mode ({} Hz): then the body swings by at " \
+            "most 1% of its static displacement. The scene gives no duration"
+TAKES = "left out: the loading takes {} s, {} periods of the first mode (20 Hz), so that the body swings by at most {} of its static " \
+        "displacement"
 MATTERS = "; above 0.01 this matters: [steps] dynamic = true has inertia"
-MOVES = "in motion, energy kept step by step: {} steps of {} s for a period of the first mode ({} Hz), which comes out longer by {} of it; " \
-        "modes above {} Hz have less than 10 steps for a period"
+MOVES = "in motion, energy kept step by step: {} steps of {} s for a period of the first mode ({} Hz), which comes out longer by {} of " \
+        "it; modes above {} Hz have less than 10 steps for a period"
 
 
 @pytest.mark.parametrize("scene, hz, words", [
