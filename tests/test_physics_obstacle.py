@@ -282,4 +282,4 @@ def test_a_large_obstacle_is_drawn_with_longer_edges(monkeypatch):
 
 
 def test_finest_is_a_hundred():
-    assert len(rigid(shape="capsule", radius=1e-3, length=1.0).surface_mesh(BODY, size=1e-9)[0]) == 8 * 101 + 2
+    assert len(rigid(shape="capsule", radius=1e-4, length=0.1).surface_mesh(BODY, size=1e-9)[0]) == 8 * 101 + 2
