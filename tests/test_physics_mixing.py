@@ -91,14 +91,10 @@ def test_steps_that_say_nothing_are_not_kept():
         assert np.isfinite(mixing.next(*third)[0]).all() and len(mixing.differences) == 1
 
 
-def test_directions_that_rounding_alone_tells_apart_are_one():
-    """Two differences of steps alike to 1e-13: taken for two, they would be multiplied by some 1e13."""
+def test_directions_that_are_hardly_two_are_one():
+    """Steps whose differences are alike to 1e-6, but not those of the displacements: taken for two, they would be multiplied by 1e6."""
     rng, mixing = np.random.default_rng(4), Mixing()
     a, noise = rng.normal(size=(2, 4, 3))
-    none, u = np.zeros(0), np.zeros((4, 3))
-    for step in (0 * a, a, 2 * a + 1e-13 * noise):
-        found, _ = mixing.next(u, step, none)
-    assert len(mixing.differences) == 2
-    # S c = s is solved by c = 1 each, for which u + s - (0 + S) c = 0.
-    assert found == pytest.approx(u, abs=1e-9)
-    assert mixing.next(u, rng.normal(size=(4, 3)), none)[0] == pytest.approx(0, abs=20)
+    for step in (0 * a, a, 2 * a + 1e-6 * noise, rng.normal(size=(4, 3))):
+        found, _ = mixing.next(rng.normal(size=(4, 3)), step, np.zeros(0))
+    assert len(mixing.differences) == 3 and abs(found).max() < 100
