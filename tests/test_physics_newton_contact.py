@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from physics import multigrid
 from physics.balance import Balance
 from physics.factor import solver_for
 from physics.mesh import build_mesh
@@ -45,7 +46,7 @@ def turning(contact, u, centre, pressure):
 
 
 @pytest.mark.parametrize("method", [None, "multigrid"])
-def test_a_step_solves_the_linearised_equations_with_contact(method):
+def test_a_step_solves_the_linearised_equations_with_contact(method, monkeypatch):
     """(K - sum p H) s = -r + G^T p', g + G s + c p' = 0 where p' > 0, and > 0 elsewhere; from a state that is nowhere near balance."""
     _, state = bent()
     found = newton(method)
@@ -63,6 +64,7 @@ def test_a_step_solves_the_linearised_equations_with_contact(method):
     else:
         found.factor.update(u)
         found.tolerance = 1e-12
+        monkeypatch.setattr(multigrid, "FORCING", 1e-9)
     step = found._step(force, touch)
     new = found._on_surface(touch, pressure)
     gap, normal = contact.gaps(u, centre)
@@ -72,7 +74,7 @@ def test_a_step_solves_the_linearised_equations_with_contact(method):
     G = (contact.surface.weights.toarray()[:, :, None] * normal[:, None, :]).reshape(len(gap), -1)[:, free]
     expected = np.linalg.solve(K, -force.ravel()[free] + G.T @ new)
     assert abs(step[balance.fixed]).max() < 1e-12 * abs(step).max() and new.min() == 0 and 2 <= (new > 0).sum()
-    limit = 1e-6 if method is None else 3e-3  # iterated to 1e-3 of the force that is out of balance
+    limit = 1e-6 if method is None else 1e-5  # iterated to 1e-9 of the force that is out of balance; a beam is some 1e4 times softer
     assert step.ravel()[free] == pytest.approx(expected, abs=limit * abs(expected).max())
     after = gap + G @ step.ravel()[free] + contact.softness * new
     near = np.isin(np.arange(len(gap)), touch.zone.points)
