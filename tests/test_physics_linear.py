@@ -220,6 +220,17 @@ def test_an_obstacle_that_goes_in_by_more_than_a_thousandth_is_not_tried(monkeyp
     assert found is not None and words == ""
 
 
+def test_the_extent_is_the_bodys_wherever_it_lies():
+    """A metre away: 61 um deep is still more than a thousandth of 60 mm."""
+    place = np.array([1.0, -2.0, 3.0])
+    scene = scene_of(obstacle=ball(1e-3, -61e-6))
+    path = tuple(tuple(np.array(point) + place) for point in scene.obstacle.path)
+    scene = replace(scene, obstacle=replace(scene.obstacle, path=path))
+    mesh = build_mesh(scene.body)
+    mesh = replace(mesh, points=mesh.points + place)
+    assert "6.1e-05 m into where the body rests, 0.001 of its largest extent" in choose(scene, mesh, Balance(scene, mesh))[1]
+
+
 def test_a_body_without_linear_solution_or_that_buckles_is_of_finite_strain(monkeypatch):
     def none(self, *_):
         raise NoEquilibrium("none")

@@ -108,6 +108,8 @@ def test_they_end_at_an_equilibrium_or_when_there_are_no_more(residual, gap_erro
 
 def test_a_new_factor_forgets_the_steps_before_and_what_they_cost():
     found = newton()
+    # Nothing known, and two steps taken for what a new factor needs.
+    assert [array.tolist() for array in found.memory().values()] == [[0, 2, 0], [0.0, 0.0, 0.0]]
     found._excess, found._mixing.differences = 5, [(0, 0, 0)]
     at = noise(found, 1e-5)
     found._refactor(at)
