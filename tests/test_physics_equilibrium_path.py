@@ -242,3 +242,41 @@ def test_an_identity_is_that_of_scene_points_and_cells():
     names = [identity(*each) for each in made]
     assert identity(scene, build_mesh(scene.body)) == names[0]
     assert all(one != two for one, two in itertools.combinations(names, 2))
+
+
+def test_small_strain_is_left_once_it_no_longer_holds_and_the_step_is_taken_anew():
+    scene = bent(load=[{"where": "x-max", "traction": [0.0, 0.0, -0.1]}])
+    path = path_of(scene)
+    small = path.newton
+    assert path.linear is not None and path.linear.newton is small and path.balance is small.balance
+    path.advance(0.25)
+    path.frame()
+    assert path.linear_steps == 1
+    path.linear.holds, path.linear.error = lambda u: False, 2.5e-4
+    found = path.advance(0.5)
+    assert path.linear is None and path.newton is not small and path.balance is path._finite is path.newton.balance
+    assert path.kinematics == ("finite strain after 1 steps of linear elasticity, which in the next one would have been off by 2.5e-04 "
+                               "of the largest displacement, 0.0001 is allowed")
+    out = (path.balance.elasticity.force(found.u) - 0.5 * path.balance.load)[~path.balance.fixed]
+    assert found.iterations >= 1 and path.halvings == 0
+    assert np.linalg.norm(out) <= 1e-6 * np.linalg.norm(path.balance.elasticity.force(found.u)[path.balance.fixed])
+    path.frame()
+    assert path.linear_steps == 1 and len(path.states) == 3
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_small_strain_that_was_asked_for_is_halved_and_any_other_left(asked):
+    """Where its equations have no equilibrium: the linear law has no other to turn to."""
+    path = path_of(bent(load=[{"where": "x-max", "traction": [0.0, 0.0, -0.1]}]))
+    path.linear.asked, tried = asked, []
+
+    def scaled(fraction):
+        tried.append(fraction)
+        raise NoEquilibrium("none")
+
+    path.linear.scaled = scaled
+    path._snap = lambda fraction, error: path._append(State(fraction, path.states[-1].u, np.zeros(0)))
+    path.advance(0.25)
+    assert (path.linear is None) != asked and path.states[-1].fraction == 0.25
+    assert tried[:8] == [0.25 / 2**n for n in range(7)] + [0.25 / 32] if asked else tried == [0.25]
+    assert (path.halvings > 0) == asked
