@@ -1,6 +1,8 @@
 """Which factor a body gets, and each factor against the dense matrix."""
 
 import itertools
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -99,8 +101,6 @@ def test_the_narrowest_band_is_that_across_the_longest_extent():
 
 def test_what_is_tried_are_three_numberings(monkeypatch):
     """The mesh's own when it is the narrowest, and Cuthill and McKee's where no axis is any good: a ring, here of shuffled nodes."""
-    from types import SimpleNamespace
-
     count = 12
     ring = np.stack([np.arange(count), (np.arange(count) + 1) % count], axis=1)
     turn = 2 * np.pi * np.arange(count) / count
@@ -150,9 +150,9 @@ def test_a_factor_is_worth_as_many_steps_as_its_operations_over_thirty_for_each_
     body = elasticity()
     place, band = narrowest_order(body)
     assert BandFactor(body, place, band).worth == 8
-    assert BandFactor(body, place, 290).worth == 10 and BandFactor(body, place, 300).worth == 10 and BandFactor(body, place, 320).worth == 11
+    for wider, worth in ((290, 10), (300, 10), (320, 11)):
+        assert BandFactor(body, place, wider).worth == worth
     found = factor.dissect(body.mesh.points, body.cells)
-    from dataclasses import replace
     assert DissectionFactor(body, replace(found, operations=25 * 30.0 * found.numbers)).worth == 25
     assert DissectionFactor(body).worth == 8
 
