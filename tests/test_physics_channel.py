@@ -46,17 +46,19 @@ def test_before_and_behind_the_box_lies_a_grid_of_squares():
 def test_the_rings_run_along_rays_and_grow_by_one_ratio_from_the_hole_to_the_box():
     mesh, centre, radius = channel(), np.array([1.0, 0.4]), 0.1
     columns, rows = 12, 10  # 1.2 m and 1 m in cells of 0.1 m
-    outer = [(0.4 + 0.1 * i, y) for i in range(columns + 1) for y in (0.0, 1.0)] + [(x, 0.1 * j) for j in range(1, rows) for x in (0.4, 1.6)]
+    outer = [(0.4 + 0.1 * i, y) for i in range(columns + 1) for y in (0.0, 1.0)] + [(x, 0.1 * j) for j in range(1, rows) for x in (0.4,
+                                                                                                                                   1.6)]
     assert len(outer) == 44
     fine, coarse = 2 * np.pi * radius / 44, 4.4 / 44  # the hole and the box, 4.4 m around it, in 44 parts each
     reach = [np.hypot(x - 1.0, y - 0.4) for x, y in outer]
     depth = np.mean(reach) - radius
-    # Rings whose thickness grows from fine to coarse as fine (coarse / fine)^s, s = 0 .. 1: their mean is (coarse - fine) / ln(coarse / fine).
+    # Rings as thick as fine (coarse / fine)^s, s = 0 .. 1: their mean is (coarse - fine) / ln(coarse / fine).
     count = round(depth * np.log(coarse / fine) / (coarse - fine))
     assert count == 12  # 0.53 m deep, 0.0143 and 0.1 m
     ratio = (coarse / fine) ** (1 / count)
     t = [(ratio**k - 1) / (ratio**count - 1) for k in range(count + 1)]  # the sum of a geometric series
-    expected = [centre + (radius + (far - radius) * s) * (np.array(at) - centre) / far for at, far in zip(outer, reach, strict=True) for s in t]
+    expected = [centre + (radius + (far - radius) * s) * (np.array(at) - centre) / far for at,
+                far in zip(outer, reach, strict=True) for s in t]
     outside = (mesh.points[:, 0] < 0.4 - 1e-9) | (mesh.points[:, 0] > 1.6 + 1e-9)
     found = mesh.points[~outside, :2]
     gaps = np.linalg.norm(found[:, None] - np.array(expected), axis=2)
@@ -128,7 +130,8 @@ def test_places_of_a_channel_are_its_sides_and_its_hole():
     expected = {"x-min": abs(x) < 1e-6, "x-max": abs(x - 2) < 1e-6, "y-min": abs(y) < 1e-6, "y-max": abs(y - 1) < 1e-6,
                 "hole": abs(np.hypot(x - 1.0, y - 0.4) - 0.1) < 1e-6}
     expected |= {"inlet": expected["x-min"], "outlet": expected["x-max"], "walls": expected["y-min"] | expected["y-max"]}
-    assert {name: nodes.tolist() for name, nodes in mesh.places.items()} == {name: np.flatnonzero(on).tolist() for name, on in expected.items()}
+    assert {name: nodes.tolist() for name, nodes in mesh.places.items()} == {name: np.flatnonzero(on).tolist() for name,
+                                                                             on in expected.items()}
     assert set(read_body({"body": {"shape": "channel"}}).places) == set(expected)
     assert {name: len(nodes) for name, nodes in mesh.places.items()} == {
         "x-min": 11, "x-max": 11, "y-min": 21, "y-max": 21, "hole": 44, "inlet": 11, "outlet": 11, "walls": 42}

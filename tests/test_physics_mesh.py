@@ -141,7 +141,8 @@ def test_a_plane_plate_is_a_grid_of_rectangles():
 
 def test_places_of_a_box_are_its_sides():
     mesh = box("prism")
-    for name, axis, end in (("x-min", 0, 0), ("x-max", 0, LENGTH), ("y-min", 1, 0), ("y-max", 1, WIDTH), ("z-min", 2, 0), ("z-max", 2, HEIGHT)):
+    for name, axis, end in (("x-min", 0, 0), ("x-max", 0, LENGTH), ("y-min", 1, 0), ("y-max", 1, WIDTH), ("z-min", 2, 0),
+                            ("z-max", 2, HEIGHT)):
         assert mesh.places[name].tolist() == [i for i, point in enumerate(mesh.points) if abs(point[axis] - end) < 1e-6]
     assert list(mesh.places) == ["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"]
     plane = rectangle("triangle")
@@ -227,7 +228,8 @@ def test_groups_of_a_file_are_what_the_file_says():
     """A square of the side x-min only, and a line: facets and entities are those of the parts, not all between their nodes."""
     built = box("hexahedron")
     square, line = np.array([[1, 0, 5, 6]]), np.array([[0, 1], [1, 2]])
-    mesh = Mesh(built.points, built.cells, "hexahedron", {"patch": np.array([0, 1, 5, 6]), "wire": np.array([0, 1, 2]), "all": np.arange(60)},
+    mesh = Mesh(built.points, built.cells, "hexahedron", {"patch": np.array([0, 1, 5, 6]), "wire": np.array([0, 1, 2]),
+                                                          "all": np.arange(60)},
                 {"patch": [("quadrilateral", square)], "wire": [("line", line)], "all": [("hexahedron", built.cells)]})
     assert np.sort(mesh.facets("patch")[0]).tolist() == [[0, 1, 5, 6]]
     assert [len(facets) for facets in mesh.facets("wire")] == [0]

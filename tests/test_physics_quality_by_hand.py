@@ -54,7 +54,8 @@ def test_volumes_of_single_cells(cell, volume):
 def test_area_of_a_triangle_in_space():
     """Half of |(3, 0, 0) x (0, 4, 4)| = |(0, -12, 12)|."""
     points = np.array([(1, 1, 1), (4, 1, 1), (1, 5, 5)])
-    assert quality.cell_volumes(np.stack([points, 2 * points]), one(points), "triangle") == pytest.approx(np.array([[72**0.5], [4 * 72**0.5]]))
+    assert quality.cell_volumes(np.stack([points, 2 * points]), one(points),
+                                "triangle") == pytest.approx(np.array([[72**0.5], [4 * 72**0.5]]))
 
 
 def test_volume_of_a_hexahedron_with_a_curved_side():
@@ -86,7 +87,8 @@ def least(displacement, g=(0.5 - 12**-0.5, 0.5 + 12**-0.5)):
 
 def test_a_hexahedron_inside_out_at_its_gauss_points_only():
     """Right at all of its corners, and yet no cell to compute with (found by a random search)."""
-    x = np.array([(0.2, -0.4, -0.5), (0.5, -0.3, -0.3), (1.4, 2.5, 0.3), (0.5, 1.8, -1), (1.7, 0.4, 0.9), (0.1, 0.9, 1.6), (-0.1, -0.2, 1.1),
+    x = np.array([(0.2, -0.4, -0.5), (0.5, -0.3, -0.3), (1.4, 2.5, 0.3), (0.5, 1.8, -1), (1.7, 0.4, 0.9), (0.1, 0.9, 1.6),
+                  (-0.1, -0.2, 1.1),
                   (1, -0.4, 1.2)])
     corners, inside = least(x - CUBE)
     assert corners > 0.3 and inside < -0.7
