@@ -62,8 +62,8 @@ def test_rules_integrate_polynomials(cell, volume, powers):
     assert pytest.approx((0.5 - 3**-0.5 / 2, 0.5 + 3**-0.5 / 2)) == GAUSS
     places, weights = MID_HEIGHT
     assert (places[:, 2] == 0.5).all() and weights.sum() == pytest.approx(0.5) and len(places) == 3
-    assert (weights * places[:, 0] * places[:, 1]).sum() == pytest.approx(1 / 24) and (weights * places[:,
-                                                                                                        1] ** 2).sum() == pytest.approx(1 / 12)
+    assert (weights * places[:, 0] * places[:, 1]).sum() == pytest.approx(1 / 24)
+    assert (weights * places[:, 1] ** 2).sum() == pytest.approx(1 / 12)
 
 
 @pytest.mark.parametrize("cell, share", [("tetrahedron", 1 / 6), ("prism", 1 / 2), ("hexahedron", 1)])
