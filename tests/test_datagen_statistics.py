@@ -52,7 +52,8 @@ def test_words_come_from_the_scene():
 def three(tmp_path):
     """Three trajectories, of 6, 12 and 18 s; the last moves twice as far, and two earlier draws in its place failed."""
     first = tiny()
-    twice = dataclasses.replace(first, displacement=2 * first.displacement, extra={"seconds": 18.0, "failed_attempts": ["slipped", "stuck"]})
+    twice = dataclasses.replace(first, displacement=2 * first.displacement,
+                                extra={"seconds": 18.0, "failed_attempts": ["slipped", "stuck"]})
     write_set(tmp_path, {"train/0000.vtkhdf": first, "train/0001.vtkhdf": tiny(extra={"seconds": 12.0}), "test/0000.vtkhdf": twice})
     return tmp_path
 
