@@ -18,7 +18,8 @@ def table(place, shape="sphere", **keys):
 
 def by_the_formula(face, along, across, gap, depth, angles, r):
     """c(s) = touch + r n + s (-n + tan a1 t1 + tan a2 t2) from s = -gap to depth."""
-    n, t1, t2 = {"x": ([1, 0, 0], [0, 1, 0], [0, 0, 1]), "y": ([0, 1, 0], [1, 0, 0], [0, 0, 1]), "z": ([0, 0, 1], [1, 0, 0], [0, 1, 0])}[face[0]]
+    n, t1, t2 = {"x": ([1, 0, 0], [0, 1, 0], [0, 0, 1]), "y": ([0, 1, 0], [1, 0, 0], [0, 0, 1]),
+                 "z": ([0, 0, 1], [1, 0, 0], [0, 1, 0])}[face[0]]
     n, t1, t2 = np.array(n), np.array(t1), np.array(t2)
     touch = along * t1 * SIDES + across * t2 * SIDES
     if face.endswith("max"):
