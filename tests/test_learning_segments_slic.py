@@ -90,6 +90,16 @@ def test_refinement_is_its_literal_version(beam, method, tau, start, monkeypatch
     assert segment(trajectory, count=6, method=method, tau=tau, iterations=0)[trajectory.body].tolist() == seen[0]
 
 
+def test_a_border_walks_a_layer_a_sweep_ten_sweeps_at_most(monkeypatch):
+    # 41 sections of 4 nodes, at first one against 40: with n of them on this side, section n is (n + 1) / 2 from this centroid and
+    # (40 - n) / 2 from the other, and goes over while n < 19.5. The place counts a hundred times what the obstacle does
+    trajectory = bending(cells=(40, 1, 1))
+    monkeypatch.setattr(segments, "_metis", lambda graph, count: (trajectory.points[trajectory.body, 0] > 1e-9).astype(np.int64))
+    how = dict(count=2, method="slic-od", tau=100.0)
+    sizes = [np.bincount(segment(trajectory, **how, **more))[0] for more in (dict(iterations=3), dict(), dict(iterations=50))]
+    assert sizes == [4 * 4, 4 * 11, 4 * 20]
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_stray_pieces_are_handed_over_as_in_the_literal_version(beam, seed, monkeypatch):
     trajectory, beside, edges = beam
