@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from datagen.trajectory import AIRFOIL, INFLOW, WALL, at_rest
+from learning import features as module
 from learning.features import Features, features
 from learning.harmonics import harmonics
 from physics.mesh import build_mesh
@@ -169,3 +170,10 @@ def test_laplacian_modes_that_the_file_lacks_are_computed():
         _, (mode,) = harmonics(trajectory, count=1)
         ratio = spreads(table[:, 1:-3])[0, -5:] / abs(mode[-5:] - mode[0])
         assert table.shape[1] == 5 and np.allclose(ratio, ratio[0], rtol=1e-9)
+
+
+def test_computed_laplacian_modes_come_with_the_near_copies_of_the_last(monkeypatch):
+    asked = []
+    monkeypatch.setattr(module, "harmonics", lambda _, **how: asked.append(how) or (None, MODE.T[:2]))
+    table = features(tiny(), EDGES, count=2, method="slic-md", tau=0.5, modes="laplacian", mode_count=3).table
+    assert asked == [{"count": 3, "cluster": pytest.approx(1.0404)}] and table.shape == (5, 4 + 2)

@@ -57,7 +57,7 @@ def test_the_end_of_the_path_is_told_in_lengths_of_the_body():
 def test_a_body_alone_is_told_by_its_mesh_and_a_scene_by_its_words():
     assert len(description(one_cell())) == 7
     scene = pressed(support=[{"where": "x-min", "fixed": "xz"}, {"where": "x-max", "fixed": "y"}],
-                    load=[{"where": "y-min", "pressure": 3.0}, {"acceleration": [0, 0, -9.81]}])
+                    load=[{"where": "y-min", "traction": [0, 3.0, 0]}, {"acceleration": [0, 0, -9.81]}])
     told = description(replace(one_cell(), scene=scene.to_toml()))
     assert {name: told[name] for name in list(told)[7:]} == {
         "Young's modulus [Pa]": 1e6, "Poisson's ratio": 0.4, "material law": "neo-hookean", "shape of the body": "beam",

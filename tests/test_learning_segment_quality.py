@@ -142,10 +142,6 @@ def test_auto_tries_eight_numbers_and_keeps_the_first_of_the_best(cells, tried, 
 def test_auto_tries_no_more_segments_than_nodes():
     _, scores = quality.auto_segment(one_cell(), method="slic-md", modes="laplacian")  # 4 nodes: from 1 to 2 * 2 = 4
     assert list(scores) == [1, 2, 3, 4]
-    flat = strip([0] * 9)[0]
-    three = replace(flat, points=flat.points[:3], connectivity=np.arange(3), offsets=np.array([0, 3]), types=np.array([5], np.uint8),
-                    node_kind=np.zeros(3, np.uint8), displacement=flat.displacement[:, :3], modes=flat.modes[:, :3])
-    assert list(quality.auto_segment(three, method="metis")[1]) == [1, 2, 3]  # 2 * 3^(1/2) = 3.46 would be more than 3 nodes
 
 
 def test_silhouette_is_its_definition():
