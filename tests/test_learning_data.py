@@ -99,7 +99,8 @@ def test_noise_is_on_free_nodes_of_steps_and_the_target_leads_to_the_truth(name,
 
 def test_noise_is_as_large_as_it_says_and_the_same_along_all_axes():
     case, generator = case_of(STEP), torch.Generator().manual_seed(0)
-    drawn = np.array([sample(case, 2, STEP, generator)[0].node[FREE, 9:].numpy() for _ in range(400)]) - case.trajectory.displacement[2, FREE]
+    shown = np.array([sample(case, 2, STEP, generator)[0].node[FREE, 9:].numpy() for _ in range(400)])
+    drawn = shown - case.trajectory.displacement[2, FREE]
     # 1200 normal numbers for each axis: means scatter by 2.9 % and deviations by 2 % of 0.25; four of those
     assert abs(drawn.mean(axis=(0, 1))).max() < 0.029 and abs(drawn.std(axis=(0, 1)) - 0.25).max() < 0.02
     assert abs(np.corrcoef(drawn.reshape(400, 9).T) - np.eye(9)).max() < 0.2  # four times 400^-1/2
@@ -246,7 +247,8 @@ def test_frames_are_drawn_by_what_their_error_counts():
 
 
 @pytest.mark.parametrize("change, targets", [
-    (dict(), [1, 2, 3, 4, 5, 6]), (dict(frames=2), [3, 6]), (dict(frames=4), [2, 3, 4, 6]), (dict(frames=1), [6]), (dict(frames=99), [1, 2, 3, 4, 5, 6])])
+    (dict(), [1, 2, 3, 4, 5, 6]), (dict(frames=2), [3, 6]), (dict(frames=4), [2, 3, 4, 6]), (dict(frames=1), [6]),
+    (dict(frames=99), [1, 2, 3, 4, 5, 6])])
 def test_frames_to_learn_from_are_spread_evenly_and_end_with_the_last(change, targets, tmp_path):
     write_trajectory(tmp_path / "a.vtkhdf", tiny(6))  # of 4: 1.5, 3, 4.5 and 6, halves to the even one
     for scheme in ("step", "pose"):

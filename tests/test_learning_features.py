@@ -87,7 +87,7 @@ def test_without_anything_to_measure_from_modes_still_do():
     trajectory = replace(plane({0: INFLOW}), modes=np.random.default_rng(0).normal(size=(1, 12, 3)).astype(np.float32))
     edges = trajectory.mesh.edges.T
     assert not features(trajectory, edges, count=3, method="slic-mdod-e", tau=0.5).table[:, 0].any()
-    with pytest.raises(InputError, match="neither obstacle nor walls.*'slic-od-e'"):
+    with pytest.raises(InputError, match=r"neither obstacle nor walls.*'slic-od-e'"):
         features(trajectory, edges, count=3, method="slic-od-e", tau=0.5)
 
 

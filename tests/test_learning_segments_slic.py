@@ -158,7 +158,8 @@ def test_the_node_nearest_to_its_centroid_never_moves():
 
 def test_requests_at_the_limits():
     trajectory = tiny()
-    assert sorted(segment(trajectory, count=5, method="metis", tau=0.0)[5:].tolist()) == [segment(trajectory, count=5, method="metis").max()] * 4
+    most = segment(trajectory, count=5, method="metis", tau=0.0).tolist()  # METIS may leave parts empty; numbers have no gaps
+    assert most[5:] == [max(most[:5]) + 1] * 4 and sorted(set(most)) == list(range(max(most) + 1))
     assert segment(trajectory, count=1, method="metis").tolist() == [0] * 5 + [1] * 4
     assert segment(one_cell(), count=1, method="metis").tolist() == [0] * 4
     for change, words in ((dict(count=6), "6 segments: must be from 1 to the 5 nodes"), (dict(count=0), "0 segments"),
