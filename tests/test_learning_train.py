@@ -21,7 +21,7 @@ from learning.config import TrainConfig, load_config
 from learning.data import build_case, fit_normaliser, sample
 from learning.m4gn import M4GN, M4GNConfig
 from learning.rollout import predict_step, rollout
-from learning.train import learning_rate, train
+from learning.train import train
 from physics.schema import InputError, to_table
 from tests.synthetic import bending
 
@@ -170,7 +170,7 @@ def test_three_steps_and_three_more_are_six_to_the_last_bit(files, run, tmp_path
 
 
 def test_a_network_learns_one_frame_by_heart(tmp_path):
-    single = bending()
+    single = bending(cells=(4, 2, 2))
     write_trajectory(tmp_path / "one.vtkhdf", replace(single, displacement=np.concatenate([0 * single.displacement[:1],
                                                                                           single.displacement[4:5]])))
     config = replace(CONFIG, noise=0.0, batch_size=1, steps=300, validate_every=300,
@@ -178,13 +178,6 @@ def test_a_network_learns_one_frame_by_heart(tmp_path):
     train(config, [tmp_path / "one.vtkhdf"], [], tmp_path / "run")
     # the loss of predicting no motion is 1 by the choice of scale; 1 % of that is an error of 10 % of the motion
     assert [line["loss"] for line in curve_of(tmp_path / "run") if "loss" in line][-1] < 0.01
-
-
-def test_a_time_budget_ends_training_and_anneals():
-    config = replace(CONFIG, budget_seconds=10.0)
-    assert learning_rate(config, 0.0) == learning_rate(config, 0.5) == 1e-3
-    assert learning_rate(config, 0.75) == pytest.approx(1e-4)
-    assert learning_rate(config, 1.0) == learning_rate(config, 1.7) == pytest.approx(1e-5)
 
 
 def test_a_spent_budget_still_leaves_a_model(files, tmp_path):
