@@ -139,7 +139,7 @@ def node_nudged(trajectory):
 
 @pytest.mark.parametrize(("change", "message"), [
     (other_law, "no equilibrium"), (other_modulus, "energy"), (other_energy, "energy"), (other_reaction, "reaction"),
-    (body_swapped, "at step 1"), (node_nudged, "no equilibrium at step 20")])
+    (body_swapped, "at step 16;"), (node_nudged, "no equilibrium at step 20")])
 def test_physics_is_computed_anew(far, capsys, change, message):
     """Nothing but the equations tells that these are wrong: layout and checksum are right."""
     assert check.check(far) == []
@@ -169,14 +169,14 @@ def test_every_flipped_byte_of_the_results_is_found(folder):
 def test_honest_trajectories_pass(law, cell):
     """The bound on what rounding may do has room for every law and cell, at small and at large forces."""
     scene = read_scene({
-        "body": {"length": 0.05, "width": 0.02, "height": 0.02, "cells": [5, 2, 2], "cell": cell},
+        "body": {"length": 0.05, "width": 0.02, "height": 0.02, "cells": [4, 1, 1], "cell": cell},
         "material": {"law": law, "young_modulus": 3e4, "poisson_ratio": 0.3}, "support": [{"where": "x-min"}],
-        "obstacle": {"shape": "sphere", "radius": 0.01, "path": [[0.04, 0.01, 0.031], [0.04, 0.01, 0.025]]}, "steps": {"count": 12}})
+        "obstacle": {"shape": "sphere", "radius": 0.01, "path": [[0.04, 0.01, 0.031], [0.04, 0.01, 0.027]]}, "steps": {"count": 6}})
     trajectory = trajectory_of(scene)
-    assert check.against_scene(trajectory, steps=12) == []
+    assert check.against_scene(trajectory, steps=6) == []
     blurred = trajectory.displacement + 1e-8 * np.random.default_rng(0).normal(size=trajectory.displacement.shape).astype(np.float32)
     blurred[:, ~trajectory.free] = trajectory.displacement[:, ~trajectory.free]
     # A tenth of what a packed set may be off by, yet many times the rounding: seen, and allowed when the file says so.
     blurred = dataclasses.replace(trajectory, displacement=blurred.astype(np.float32))
-    assert check.against_scene(blurred, steps=12) != []
-    assert check.against_scene(dataclasses.replace(blurred, extra={"tolerance": 1e-7}), steps=12) == []
+    assert check.against_scene(blurred, steps=6) != []
+    assert check.against_scene(dataclasses.replace(blurred, extra={"tolerance": 1e-7}), steps=6) == []

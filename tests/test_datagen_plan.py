@@ -6,10 +6,13 @@ import scipy.sparse
 from scipy.sparse.csgraph import shortest_path
 
 import fidelity
-from datagen.family import counts, load_family
-from datagen.plan import figures, graph_diameter, planned
+from datagen import plan as plan_module
+from datagen.family import counts, draw, load_family
+from datagen.plan import figures, graph_diameter, planned, spread, summary
+from physics.balance import cell_size
 from physics.mesh import build_mesh
-from physics.scene import Body
+from physics.obstacle import Rigid
+from physics.scene import Body, read_scene
 from tests.scenes import pressed
 
 
@@ -68,3 +71,48 @@ def test_dry_run_solves_nothing_and_writes_nothing(capsys, tmp_path, monkeypatch
     assert "graph_diameter" in said and "mean" in said and not list(tmp_path.iterdir())
     assert fidelity.main(["generate", "demo", "--count", "5"]) == 2
     assert "--out" in capsys.readouterr().err
+
+
+def test_the_figures_of_a_scene_are_those_counted_by_hand():
+    """2 x 1 x 1 bricks: 3 x 2 x 2 nodes, the farthest two 2 + 1 + 1 edges apart."""
+    table = {"body": {"length": 0.5, "width": 0.3, "height": 0.2, "cells": [2, 1, 1], "cell": "hexahedron"},
+             "material": {"young_modulus": 1e6, "poisson_ratio": 0.3}, "steps": {"count": 7}}
+    assert figures(read_scene(table)) == {"nodes": 12, "cells": 2, "graph_diameter": 4, "steps": 7, "xy_extent": pytest.approx(0.15),
+                                          "obstacle": "none", "support": "none"}
+    scene = read_scene(table | {"support": [{"where": "x-min"}, {"where": "x-max"}],
+                                "obstacle": {"shape": "sphere", "radius": 0.1, "path": [[0, 0, 0.9], [0, 0, 0.8]]}})
+    mesh = build_mesh(scene.body)
+    around = Rigid(scene.obstacle).surface_mesh(mesh.points, size=cell_size(mesh))[0]
+    found = figures(scene)
+    assert found["nodes"] == 12 + len(around) > 12 and (found["obstacle"], found["support"]) == ("sphere", "x-min and x-max")
+
+
+def test_a_spread_is_of_the_sample_itself():
+    """2, 4 and 9: mean 5, squares of the deviations 9 + 1 + 16, over 3."""
+    assert spread([4, 2, 9]) == pytest.approx({"mean": 5, "std": (26 / 3) ** 0.5, "min": 2, "max": 9}, rel=1e-15)
+    assert summary([{"n": 4, "word": "b"}, {"n": 2, "word": "a"}, {"n": 9, "word": "b"}]) == {
+        "count": 3, "n": spread([4, 2, 9]), "word": {"a": 1, "b": 2}}
+
+
+def test_a_plan_is_of_the_scenes_that_would_be_made():
+    """The lengths of each split's own draws, by its seed; 0.024 m wide and high bodies give the same figures otherwise."""
+    family = load_family("demo")
+    for seed in (0, 3):
+        plan = planned(family, {"train": 2, "test": 1}, seed=seed)
+        scenes = [draw(family, seed, index) for index in (0, 1, 2_000_000)]
+        area = [scene.body.length * scene.body.width for scene in scenes]
+        assert plan["xy_extent"] == pytest.approx({"mean": np.mean(area), "std": np.std(area), "min": min(area), "max": max(area)})
+        assert plan["split"] == {"train": 2, "test": 1} and plan["count"] == 3
+
+
+def test_a_diameter_is_found_by_few_searches(monkeypatch):
+    """A path of 301 nodes takes three: from any node, from an end, and one more to close the bounds; a grid a few more."""
+    searches = []
+    monkeypatch.setattr(plan_module, "dijkstra", lambda *args, **given: searches.append(1) or honest(*args, **given))
+    honest = scipy.sparse.csgraph.dijkstra
+    path = np.stack([np.arange(300), np.arange(1, 301)], axis=1)
+    assert graph_diameter(path, 301) == 300 and len(searches) <= 4
+    searches.clear()
+    mesh = build_mesh(Body(length=1.0, width=1.0, height=1.0, cells=(20, 4, 4), cell="prism"))
+    assert graph_diameter(mesh.edges, len(mesh.points)) == brute_force(mesh.edges, len(mesh.points))
+    assert len(searches) < len(mesh.points) / 8

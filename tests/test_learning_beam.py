@@ -51,11 +51,17 @@ def test_it_is_below_the_published_error_by_ten(errors):
     assert (errors[:, 0] < 0.05 * errors[:, 2]).all()  # and 20 times better than no motion at all, beam by beam
 
 
-def test_the_network_makes_its_estimate_better(errors):
-    assert errors[:, 0].mean() < errors[:, 1].mean()
+def test_the_network_takes_a_third_off_its_estimates_error(errors):
+    # the limits above are kept by the estimate alone: this one is the network's. It takes off 45 % on the average and 13 % at least
+    assert errors[:, 0].mean() < errors[:, 1].mean() / 1.5
+    assert (errors[:, 0] < 0.95 * errors[:, 1]).all()
+    assert errors[:, 0].mean() < 1e-6
 
 
-def test_evaluate_holds_it_against_finite_elements(beams, tmp_path):
+def test_evaluate_holds_it_against_finite_elements(beams, errors, tmp_path):
     report = evaluate(RUN, beams[1:2], tmp_path, refined=0)
     row = next(row for row in report["rows"] if row["kind"] == "learned")["scores"]
-    assert row["rmse_all"] < 1.87e-5 and row["inverted_elements"] == 0
+    # over all frames what it is over every tenth, and better than the estimate; no motion at all has the error of the motion
+    assert row["rmse_all"] == pytest.approx(errors[1, 0], rel=0.2) and row["inverted_elements"] == 0
+    still = next(row for row in report["rows"] if row["name"] == "nothing moves")["scores"]
+    assert still["rmse_all"] == pytest.approx(errors[1, 2], rel=0.1)

@@ -50,6 +50,14 @@ def test_weights_between_segments_are_sums_over_their_nodes():
         assert np.array_equal(segment_graph(graph, label, more).toarray(), expected)
 
 
+def test_a_mesh_counts_each_edge_once_and_a_lone_node_as_its_own_neighbour():
+    found = mesh_graph(np.array([[0, 1, 1, 3], [1, 0, 3, 1]]), 4).toarray()
+    assert found.tolist() == [[0, 1, 0, 0], [1, 0, 0, 1], [0, 0, 1, 0], [0, 1, 0, 0]]
+    # segments {0, 1}, {3} and {2}: an edge inside counts twice; node 2 is also of the second
+    weight = segment_graph(csr_matrix(found), np.array([0, 0, 2, 1]), np.array([[2], [1]])).toarray()
+    assert weight.tolist() == [[2, 1, 0], [1, 1, 1], [0, 1, 1]]
+
+
 def test_numbering_makes_no_difference():
     _, graph, label, _ = beam()
     order = np.random.default_rng(0).permutation(graph.shape[0])

@@ -177,12 +177,6 @@ def test_the_order_of_nodes_and_the_place_of_the_scene_play_no_part(found):
     assert rms((again - found.displacement)[:, truth.free]) < 1e-6
 
 
-def test_it_is_kept_for_the_next_time(tmp_path, found):
-    first, again = (estimate(pressed(), FRAMES, cache=tmp_path) for _ in range(2))
-    assert len(list(tmp_path.iterdir())) == 1
-    assert np.array_equal(first.displacement, again.displacement) and np.array_equal(first.answer, again.answer)
-
-
 def test_what_it_cannot_do_is_refused():
     truth = pressed()
     with pytest.raises(InputError, match="holds no scene"):

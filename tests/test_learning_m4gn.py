@@ -8,10 +8,11 @@ import pytest
 import torch
 
 from learning.graph import Graph, build_graph, build_skeleton, join
-from learning.m4gn import M4GN, M4GNConfig, mean_of_segments, products
+from learning.m4gn import MLP, M4GN, M4GNConfig, TransformerBlock, mean_of_own, mean_of_segments, products, sum_at
 from learning.segments import segment
 from physics.schema import InputError
 from tests import plain_m4gn
+from tests.plain_m4gn import attend, mlp
 from tests.synthetic import bending
 
 SMALL = M4GNConfig(hidden=16, message_steps=3, transformer_layers=2, heads=4)
@@ -29,7 +30,11 @@ def network():
 
 def made(variant):
     torch.manual_seed(1)
-    return M4GN(replace(SMALL, walk=variant.get("walk", 0))).eval()
+    network = M4GN(replace(SMALL, walk=variant.get("walk", 0))).eval()
+    for name, weight in network.named_parameters():
+        if "norm" in name:  # begin as ones and zeros, which leave no trace
+            torch.nn.init.normal_(weight, mean=0.7 if name.endswith("weight") else 0.1, std=0.3)
+    return network
 
 
 def graph(count=7, step=3, *, shift=(0.0, 0.0, 0.0), variant=None, **scene):
@@ -43,31 +48,29 @@ def graph(count=7, step=3, *, shift=(0.0, 0.0, 0.0), variant=None, **scene):
 
 @torch.no_grad()
 def naive(network: Any, graph: Graph):
-    """The module's equations written down literally, for a single graph."""
+    """The module's equations written down literally from the bare weights, for a single graph."""
+    weights = dict(network.named_parameters())
     coded = graph.node_code is not None
-    h, e = network.encode_node(graph.node + (network.place_node(graph.node_code) if coded else 0)), network.encode_mesh(graph.mesh_edge)
-    w = network.encode_contact(graph.contact_edge)
-    for step in network.process:
+    h = mlp(weights, "encode_node", graph.node + (mlp(weights, "place_node", graph.node_code) if coded else 0))
+    e, w = mlp(weights, "encode_mesh", graph.mesh_edge), mlp(weights, "encode_contact", graph.contact_edge)
+    for step in (f"process.{i}" for i in range(SMALL.message_steps)):
         (s, r), (a, b) = graph.mesh_pair, graph.contact_pair
-        e, w = e + step.mesh(torch.cat([e, h[s], h[r]], 1)), w + step.contact(torch.cat([w, h[a], h[b]], 1))
+        e = e + mlp(weights, f"{step}.mesh", torch.cat([e, h[s], h[r]], 1))
+        w = w + mlp(weights, f"{step}.contact", torch.cat([w, h[a], h[b]], 1))
         sums = [torch.stack([latent[to == i].sum(0) for i in range(len(h))]) for latent, to in ((e, r), (w, b))]
-        h = h + step.node(torch.cat([h, *sums], 1))
+        h = h + mlp(weights, f"{step}.node", torch.cat([h, *sums], 1))
     member = torch.stack([graph.segment == k for k in range(len(graph.graph_of_segment))])  # (K, N)
     if graph.shared is not None:
         (sender, receiver), ring = graph.mesh_pair, member.clone()
         for a, b in zip(sender.tolist(), receiver.tolist(), strict=True):
             ring[:, b] |= member[:, a]
         member = ring
-    s = network.encode_segment(torch.stack([h[inside].mean(0) for inside in member]))
+    s = mlp(weights, "encode_segment", torch.stack([h[inside].mean(0) for inside in member]))
     if coded:
-        s = s + network.place_segment(graph.segment_code)
-    for block in network.transform:
-        parts = block.query_key_value(block.norm_attention(s)).chunk(3, dim=1)
-        q, k, v = (part.view(len(s), block.heads, -1).transpose(0, 1) for part in parts)
-        weight = torch.softmax(q @ k.transpose(1, 2) / q.shape[-1] ** 0.5, dim=-1)
-        s = s + block.out((weight @ v).transpose(0, 1).reshape(s.shape))
-        s = s + block.feed(block.norm_feed(s))
-    return network.decode(torch.cat([h, torch.stack([s[inside].mean(0) for inside in member.T])], 1))
+        s = s + mlp(weights, "place_segment", graph.segment_code)
+    for block in range(SMALL.transformer_layers):
+        s = attend(weights, f"transform.{block}", s[None], SMALL.heads)[0]
+    return mlp(weights, "decode", torch.cat([h, torch.stack([s[inside].mean(0) for inside in member.T])], 1), norm=False)
 
 
 @torch.no_grad()
@@ -80,7 +83,7 @@ def test_the_fast_network_is_the_plain_one(variant):
 
 @torch.no_grad()
 def test_the_network_of_the_benchmark_is_the_same(network):
-    assert torch.allclose(plain_m4gn.forward(network, graph()), naive(network, graph()), **TOLERANCE)
+    assert torch.allclose(plain_m4gn.forward(network, graph(), SMALL.heads), naive(network, graph()), **TOLERANCE)
 
 
 @pytest.mark.parametrize("precision, error", [
@@ -163,13 +166,103 @@ def test_every_weight_learns(variant):
     network.zero_grad()
 
 
+def test_an_mlp_by_hand():
+    net = MLP(2, 2, 2)
+    with torch.no_grad():
+        for layer, weight, bias in ((net.first, [[1, 2], [-3, 1]], [1, 0]), (net.second, [[1, 1], [2, -1]], [-1, -20]),
+                                    (net.third, [[1, 5], [-2, 7]], [3, 1])):
+            layer.weight[:], layer.bias[:] = torch.tensor(weight), torch.tensor(bias)
+        net.norm.weight[:], net.norm.bias[:] = torch.tensor([2.0, 3.0]), torch.tensor([0.5, -1.0])
+    # (1, 2): 1 + 4 + 1 = 6 and -3 + 2 = -1, cut to 0; 6 - 1 = 5 and 12 - 20 = -8, cut to 0; 5 + 3 = 8 and -10 + 1 = -9. Of two
+    # numbers LayerNorm leaves the signs (1e-5 under a root of 8.5^2 = 72 takes 7e-8 off): 2 + 0.5 and -3 - 1
+    x = torch.tensor([[1.0, 2.0]])
+    assert net(x).tolist()[0] == pytest.approx([2.5, -4.0], rel=1e-6)
+    bare = MLP(2, 2, 2, norm=False)
+    bare.load_state_dict({name: value for name, value in net.state_dict().items() if "norm" not in name})
+    assert bare(x).tolist() == [[8.0, -9.0]]
+
+
+@torch.no_grad()
+def test_attention_by_hand():
+    """Two heads of two components, three segments of which the last is padding; the feed-forward net says nothing."""
+    block, generator = TransformerBlock(4, 2), np.random.default_rng(0)
+    table = {name: generator.normal(size=value.shape) for name, value in block.state_dict().items()}
+    table["feed.2.weight"][:] = table["feed.2.bias"][:] = 0
+    block.load_state_dict({name: torch.from_numpy(value).float() for name, value in table.items()})
+    s = generator.normal(size=(3, 4)) * 3 + 1
+    normed = (s - s.mean(1, keepdims=True)) / np.sqrt(s.var(1, keepdims=True) + 1e-5) * table["norm_attention.weight"]
+    triple = (normed + table["norm_attention.bias"]) @ table["query_key_value.weight"].T + table["query_key_value.bias"]
+    q, k, v = triple[:, :4], triple[:, 4:8], triple[:, 8:]
+    mixed = np.zeros((3, 4))
+    for head in (slice(0, 2), slice(2, 4)):
+        for i in range(3):
+            share = np.array([np.exp(q[i, head] @ k[j, head] / np.sqrt(2)) for j in range(2)])  # the first two are there
+            mixed[i, head] = share / share.sum() @ v[:2, head]
+    expected = s + mixed @ table["out.weight"].T + table["out.bias"]
+    found = block(torch.from_numpy(s).float()[None], torch.tensor([[True, True, False]]))[0]
+    np.testing.assert_allclose(found, expected, atol=1e-5)  # float32, numbers near 10
+
+
+def test_sums_are_taken_in_float32():
+    ones = torch.ones(1000, 2, dtype=torch.bfloat16)  # whose own sum stops at 256
+    assert sum_at(torch.ones(1000, dtype=torch.int64), ones, 3).tolist() == [[0, 0], [1000, 1000], [0, 0]]
+
+
 def test_segment_means():
     h = torch.tensor([[1.0], [3.0], [10.0]])
     assert mean_of_segments(h, torch.tensor([0, 0, 1]), 2).tolist() == [[2.0], [10.0]]
+    shared = torch.tensor([[0, 2, 2], [1, 0, 2]])  # node 0 also in segment 1, node 2 also in 0 and 2
+    assert mean_of_segments(h, torch.tensor([0, 0, 1]), 3, shared).tolist() == [[pytest.approx(14 / 3)], [5.5], [10.0]]
+    s = torch.tensor([[1.0], [5.0], [12.0]])
+    assert mean_of_own(s, torch.tensor([0, 0, 1])).tolist() == [[1], [1], [5]]
+    assert mean_of_own(s, torch.tensor([0, 0, 1]), shared).tolist() == [[3], [1], [6]]
 
 
 def test_the_paper_sizes_are_the_defaults():
-    assert M4GNConfig() == M4GNConfig(hidden=128, message_steps=7, transformer_layers=4, heads=8)
+    config = M4GNConfig()
+    assert (config.hidden, config.message_steps, config.transformer_layers, config.heads) == (128, 7, 4, 8)
+    assert config.walk == 0 and config.precision == "float32"
+
+
+def test_the_number_of_weights_follows_from_the_sizes():
+    def mlp_of(inputs, outputs, h=6):  # three layers with biases, two numbers an output for LayerNorm
+        return h * (inputs + 1) + h * (h + 1) + outputs * (h + 1) + 2 * outputs
+
+    # node features: 3 kinds, 3 of velocity, 3 of place, 3 of displacement; mesh edges: 2 vectors with norms; contact edges: one
+    encoders = mlp_of(12, 6) + mlp_of(8, 6) + mlp_of(4, 6)
+    block = (6 * 18 + 18) + (6 * 6 + 6) + 2 * (6 + 6) + (6 * 24 + 24) + (24 * 6 + 6)
+    codes = mlp_of(4, 12) + mlp_of(4, 6)
+    expected = encoders + 2 * 3 * mlp_of(18, 6) + mlp_of(6, 6) + 3 * block + (mlp_of(12, 3) - 6) + codes
+    network = M4GN(M4GNConfig(hidden=6, message_steps=2, transformer_layers=3, heads=3, walk=4))
+    assert sum(weight.numel() for weight in network.parameters()) == expected
+
+
+def test_products_are_rounded_for_the_time_of_the_block_alone():
+    def within(precision):
+        with products(M4GNConfig(precision=precision)):
+            return torch.get_float32_matmul_precision()
+
+    torch.set_float32_matmul_precision("high")
+    try:
+        assert [within(precision) for precision in ("float32", "medium", "bfloat16")] == ["highest", "medium", "highest"]
+        with pytest.raises(ZeroDivisionError), products(M4GNConfig(precision="medium")):
+            1 / 0
+        assert torch.get_float32_matmul_precision() == "high"
+    finally:
+        torch.set_float32_matmul_precision("highest")
+
+
+@torch.no_grad()
+def test_only_bfloat16_rounds_layers(network):
+    said = {}
+    for precision in ("float32", "medium", "bfloat16"):
+        said[precision] = M4GN(replace(SMALL, precision=precision))
+        said[precision].load_state_dict(network.state_dict())
+    case = graph()
+    exact = said["float32"](case)
+    assert torch.equal(said["medium"](case), exact)
+    off = (said["bfloat16"](case) - exact).norm() / exact.norm()
+    assert 1e-4 < off < 4e-2  # 8 bits of mantissa: a rounding is 2e-3
 
 
 def test_heads_must_divide_the_hidden_size():

@@ -1,84 +1,16 @@
-"""Obstacles and contact: distances, points of the surface, and the complementarity problem."""
+"""Contact: points of the surface, the zone near the obstacle, and the complementarity problem."""
+
+import itertools
 
 import numpy as np
 import pytest
 import scipy.optimize
 
 from physics.contact import ContactSurface, solve_complementarity
-from physics.mesh import build_mesh
-from physics.obstacle import Rigid
-from physics.scene import Body, Obstacle
+from physics.mesh import Mesh, build_mesh
+from physics.scene import Body
 from physics.schema import InputError
 from physics.supports import nodal_areas
-
-ROOT = (0.1, 0.2, 0.3)
-SPHERE = Obstacle(shape="sphere", radius=0.3, path=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
-OBSTACLES = {
-    "sphere": SPHERE,
-    "cylinder": Obstacle(shape="cylinder", radius=0.3, axis=(0.0, 2.0, 1.0), path=(ROOT,)),
-    "capsule": Obstacle(shape="capsule", radius=0.3, length=0.8, axis=(1.0, 2.0, 1.0), path=(ROOT,)),
-    "box": Obstacle(shape="box", radius=0.1, size=(0.6, 0.8, 1.0), path=(ROOT,)),
-    "half-space": Obstacle(shape="half-space", normal=(0.0, 1.0, 2.0), path=(ROOT,)),
-}
-VOLUME = {"sphere": 4 / 3 * np.pi * 0.3**3, "cylinder": np.pi * 0.3**2 * 1.2, "capsule": 4 / 3 * np.pi * 0.3**3 + np.pi * 0.3**2 * 0.8,
-          # a box swollen by 0.1: itself, plates on its faces, quarter cylinders on its edges, eighths of a sphere at its corners
-          "box": 0.4 * 0.6 * 0.8 + 0.2 * (0.24 + 0.48 + 0.32) + np.pi * 0.01 * 1.8 + 4 / 3 * np.pi * 0.001}
-BODY = np.array([[0.0, -0.5, -0.5], [0.0, 0.5, 0.5], [0.2, 0.0, 0.0]])
-
-
-@pytest.mark.parametrize("shape", OBSTACLES)
-def test_normal_is_the_gradient_of_the_gap(shape):
-    rigid, points = Rigid(OBSTACLES[shape]), np.random.default_rng(0).normal(size=(200, 3))
-    centre = rigid.position(0.0)
-    gap, normal = rigid.gap(points, centre)
-    step = 1e-6  # central differences: order step^2
-    slope = [(rigid.gap(points + step * e, centre)[0] - rigid.gap(points - step * e, centre)[0]) / (2 * step) for e in np.eye(3)]
-    assert np.transpose(slope) == pytest.approx(normal, abs=1e-8)
-    assert np.linalg.norm(normal, axis=1) == pytest.approx(1)
-    assert rigid.gap(points - gap[:, None] * normal, centre)[0] == pytest.approx(0, abs=1e-12)
-
-
-@pytest.mark.parametrize("shape", OBSTACLES)
-def test_bend_is_the_second_derivative_of_the_gap(shape):
-    rigid, points = Rigid(OBSTACLES[shape]), np.random.default_rng(0).normal(size=(200, 3))
-    centre = rigid.position(0.0)
-    points = points[rigid.gap(points, centre)[0] > -0.9 * rigid.radius]  # deeper than the rounding is wide nothing is smooth
-    step = 1e-6  # central differences: order step^2, but for the few points within a step of where two regions meet: none here
-    slope = [(rigid.gap(points + step * e, centre)[1] - rigid.gap(points - step * e, centre)[1]) / (2 * step) for e in np.eye(3)]
-    bend = rigid.bend(points, centre)
-    assert np.einsum("qik,qil->qkl", bend, bend) == pytest.approx(np.transpose(slope, (1, 2, 0)), abs=1e-6)
-
-
-@pytest.mark.parametrize("shape", VOLUME)
-def test_surface_mesh_is_closed_and_lies_on_the_surface(shape):
-    rigid = Rigid(OBSTACLES[shape])
-    points, triangles = rigid.surface_mesh(BODY, size=0.1)
-    gap = rigid.gap(points, rigid.path[0])[0]
-    inside = abs(gap + 0.3) < 1e-12 if shape == "cylinder" else np.zeros(len(gap), bool)  # the middles of its ends
-    assert gap[~inside] == pytest.approx(0, abs=1e-12) and inside.sum() <= 2
-    directed = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    assert sorted(map(tuple, directed)) == sorted(map(tuple, directed[:, ::-1]))  # each edge once in either direction
-    a, b, c = (points[triangles[:, i]] - rigid.path[0] for i in range(3))
-    volume = (np.cross(a, b) * c).sum() / 6
-    exact = VOLUME[shape]
-    if shape == "cylinder":  # as long as the body along its axis, and one edge more at either end
-        exact = np.pi * 0.3**2 * (np.ptp(BODY @ rigid.axis) + 0.2)
-    assert 0.85 * exact < volume < exact  # inscribed, outward
-
-
-def test_half_space_is_shown_as_a_square_below_the_body():
-    rigid = Rigid(OBSTACLES["half-space"])
-    points, triangles = rigid.surface_mesh(BODY, size=0.1)
-    assert rigid.gap(points, rigid.path[0])[0] == pytest.approx(0, abs=1e-12)
-    a, b, c = (points[triangles[:, i]] for i in range(3))
-    assert (np.cross(b - a, c - a) @ rigid.axis > 0).all()
-
-
-def test_waypoints_are_reached_at_equal_fractions():
-    rigid = Rigid(SPHERE)
-    assert rigid.position(0.25) == pytest.approx([0.5, 0, 0])
-    assert rigid.position(0.5) == pytest.approx([1, 0, 0])
-    assert rigid.position(1.0) == pytest.approx([1, 1, 0])
 
 
 @pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
@@ -96,20 +28,94 @@ def test_points_carry_the_whole_surface(cell, kind):
     assert len(np.unique(surface.positions(mesh.points).round(9), axis=0)) == len(surface.area)  # no point twice
 
 
-@pytest.mark.parametrize("width, divisions", [(0.1, 1), (0.06, 2), (0.03, 4)])
+# A tetrahedron with faces of unlike areas, and a parallelepiped: what is integrated over their surfaces is known.
+TETRAHEDRON = Mesh(points=np.array([[5.0, 6, 7], [6, 6, 7], [5, 8, 7], [5, 6, 10]]), cells=np.arange(4)[None], cell="tetrahedron",
+                   places={})
+SIDES = np.array([[1.0, 0.2, 0.1], [0.0, 2.0, 0.3], [-0.4, 0.0, 3.0]])
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+HEXAHEDRON = Mesh(points=CORNERS @ SIDES + [5.0, 6.0, 7.0], cells=np.arange(8)[None], cell="hexahedron", places={})
+
+
+def surface_of(mesh, kind="facets", held=(), width=np.inf):
+    return ContactSurface(mesh, kind, np.isin(np.arange(len(mesh.points)), held), width)
+
+
+@pytest.mark.parametrize("d", [1, 2, 3, 8])
+def test_integrals_over_triangles_divided_in_parts(d):
+    """Of the products of shape functions: the rule's own error of second degree, which falls as 1/d^2, is in the closed form.
+
+    Over a triangle the mean of l_a^2 is 1/6 and by the rule, corners 1/12 and middles 1/4, 1/12 + 2/16 = 1/6 + 1/24; the mean of
+    l_a l_b is 1/12 and by the rule 1/16 = 1/12 - 1/48.
+    """
+    area = np.array([3.5, 3.0, 1.5, 1.0])  # of the face opposite to node a: with the legs 1, 2, 3, the large one |(6, 3, 2)| / 2
+    surface = surface_of(TETRAHEDRON, width=np.sqrt(13) / d)
+    n, total = surface.weights.toarray(), area.sum()
+    assert len(n) == 8 * d**2 + 2  # the corners of 4 (2 d)^2 triangles, by Euler
+    assert surface.area.min() > 0 and surface.area.sum() == pytest.approx(total) and n.sum(axis=1) == pytest.approx(1)
+    assert surface.area @ n == pytest.approx((total - area) / 3)  # three faces have node a
+    expected = (total - area[:, None] - area) * (1 / 12 - 1 / (48 * d**2))  # two have the edge a, b
+    np.fill_diagonal(expected, (total - area) * (1 / 6 + 1 / (24 * d**2)))
+    assert (n * surface.area[:, None]).T @ n == pytest.approx(expected)
+    x = surface.positions(TETRAHEDRON.points)
+    assert x == pytest.approx(n @ TETRAHEDRON.points) and len(np.unique(x.round(9), axis=0)) == len(x)
+
+
+@pytest.mark.parametrize("d", [1, 2, 3, 8])
+def test_integrals_over_quadrilaterals_divided_in_parts(d):
+    """Products of bilinear functions are exact, of degree two each way; of s^4 the mean is 1/5, and by Simpson's rule 1/(120 d^4) more."""
+    sizes = [np.linalg.norm(np.cross(SIDES[i], SIDES[j])) for i, j in ((1, 2), (2, 0), (0, 1))]  # of the faces across each side
+    surface = surface_of(HEXAHEDRON, width=np.linalg.norm(SIDES, axis=1).max() / d)
+    n = surface.weights.toarray()
+    assert len(n) == 6 * (2 * d) ** 2 + 2 and len(np.unique(n.round(9), axis=0)) == len(n)
+    assert surface.area.min() > 0 and surface.area.sum() == pytest.approx(2 * sum(sizes))
+    second, fourth = np.zeros((8, 8)), np.zeros(8)
+    for across in range(3):
+        for side in (0, 1):
+            at = np.flatnonzero(CORNERS[:, across] == side)
+            for a in at:
+                fourth[a] += sizes[across] * (1 / 5 + 1 / (120 * d**4)) ** 2
+                for b in at:
+                    apart = (CORNERS[a] != CORNERS[b]).sum()  # the mean of s^2 is 1/3, of s (1 - s) 1/6
+                    second[a, b] += sizes[across] * (1 / 3) ** (2 - apart) * (1 / 6) ** apart
+    assert (n * surface.area[:, None]).T @ n == pytest.approx(second)
+    assert surface.area @ n**4 == pytest.approx(fourth)
+
+
+def test_areas_of_trapezoids():
+    """A frustum of a pyramid, 2 x 2 below and 1 x 1 above, 1 high: its sides slant by 1/2."""
+    points = np.where(CORNERS[:, 2:] == 0, 2.0 * CORNERS, CORNERS + [0.5, 0.5, 0.0])
+    surface = surface_of(Mesh(points=points, cells=np.arange(8)[None], cell="hexahedron", places={}))
+    assert surface.area.sum() == pytest.approx(4 + 1 + 4 * 1.5 * np.sqrt(1.25))
+
+
+@pytest.mark.parametrize("width, divisions", [(np.sqrt(13), 1), (3.7, 1), (3.6, 2), (np.sqrt(13) / 2, 2), (1.8, 3), (np.sqrt(13) / 8, 8)])
 def test_a_thin_obstacle_gets_more_points(width, divisions):
-    """Cells of 0.1 m: no further apart than half of the obstacle's width; linear pressure still gives its exact nodal forces."""
-    mesh = build_mesh(Body(length=0.3, width=0.2, height=0.1, cells=(3, 2, 1), cell="prism"))
-    none = np.zeros(len(mesh.points), bool)
-    few, many = ContactSurface(mesh, "facets", none), ContactSurface(mesh, "facets", none, width)
-    x = many.positions(mesh.points)
-    away = np.linalg.norm(x[:, None] - x, axis=2)
-    assert (away + np.eye(len(x))).min(axis=1).max() <= 0.1 / (2 * divisions) * (1 + 1e-9) and 0.1 / (2 * divisions) <= width / 2
-    assert many.area.sum() == pytest.approx(few.area.sum()) and many.area.min() > 0
-    assert many.weights.T @ many.area == pytest.approx(few.weights.T @ few.area)
-    for surface in (few, many):
-        moment = surface.weights.T @ (surface.area * surface.positions(mesh.points)[:, 0])
-        assert moment == pytest.approx(few.weights.T @ (few.area * few.positions(mesh.points)[:, 0]))
+    """The longest edge of the tetrahedron is sqrt(13) = 3.606: no part of an edge is longer than the obstacle is wide."""
+    assert len(surface_of(TETRAHEDRON, width=width).area) == 8 * divisions**2 + 2
+
+
+@pytest.mark.parametrize("turn", range(3))
+def test_the_longest_edge_is_found_wherever_a_facet_starts(turn):
+    mesh = Mesh(points=np.roll(TETRAHEDRON.points, turn, axis=0), cells=np.roll(np.arange(4), turn)[None], cell="tetrahedron", places={})
+    assert len(surface_of(mesh, width=3.6).area) == 34
+
+
+def test_points_between_held_nodes_alone_are_not_in_contact():
+    """Of ten points three lie on the edge 0-1; the middles of edges that go on from it are in contact, they can move."""
+    every, free = surface_of(TETRAHEDRON), surface_of(TETRAHEDRON, held=[0, 1])
+    n, left = every.weights.toarray(), free.weights.toarray()
+    kept = n[:, :2].sum(axis=1) < 1
+    assert np.array_equal(left, n[kept]) and np.array_equal(free.area, every.area[kept])
+    assert len(left) == 7 and sorted(left[:, :2].sum(axis=1)) == [0, 0, 0, 0.5, 0.5, 0.5, 0.5]
+
+
+def test_nodes_in_contact_are_those_of_the_surface_that_are_not_held():
+    surface = surface_of(TETRAHEDRON, "nodes", held=[1])
+    assert np.array_equal(surface.weights.toarray(), np.eye(4)[[0, 2, 3]])
+    # Thirds of the faces' areas would be theirs; of the rule's own points they get as much: 1/12 + 2 / 8 of each.
+    assert surface.area == pytest.approx([(9 - 3.5) / 3, (9 - 1.5) / 3, (9 - 1.0) / 3])
+    inner = build_mesh(Body(length=0.2, width=0.2, height=0.2, cells=(2, 2, 2), cell="hexahedron"))
+    assert len(surface_of(inner, "nodes").area) == 26 and len(inner.points) == 27
 
 
 def test_an_obstacle_that_could_pass_between_the_points_is_refused():
@@ -119,6 +125,55 @@ def test_an_obstacle_that_could_pass_between_the_points_is_refused():
         ContactSurface(mesh, "nodes", none, 0.09)
     with pytest.raises(InputError, match="smaller cells"):
         ContactSurface(mesh, "facets", none, 0.01)
+    with pytest.raises(InputError, match="smaller than 1/8 of a cell"):
+        surface_of(TETRAHEDRON, width=np.sqrt(13) / 8 * (1 - 1e-6))
+    surface_of(TETRAHEDRON, "nodes", width=np.sqrt(13))  # just as wide is wide enough
+
+
+def brute(matrix, gap):
+    """All p of the complementarity problem, by trying every set of points in contact."""
+    found = []
+    for on in itertools.product([False, True], repeat=len(gap)):
+        on, p = np.array(on), np.zeros(len(gap))
+        p[on] = np.linalg.solve(matrix[np.ix_(on, on)], -gap[on])
+        if p.min() >= 0 and (gap + matrix @ p).min() >= -1e-9:
+            found.append(p)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_any_guess_leads_to_the_one_solution(seed):
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(4, 4))
+    matrix, gap = factor @ factor.T + 1e-2 * np.eye(4), rng.normal(size=4)
+    (expected,) = brute(matrix, gap)
+    for guess in itertools.product([False, True], repeat=4):
+        guess = np.array(guess)
+        before = guess.copy()
+        assert solve_complementarity(matrix, gap, guess) == pytest.approx(expected, abs=1e-9)
+        assert np.array_equal(guess, before)
+
+
+@pytest.mark.parametrize("factor, gap", [
+    ([[1, -1, 0], [3, -3, 3], [-2, 2, 1]], [2, 0, -5]),
+    ([[-2, -3, -3, 3], [2, 1, -2, -3], [-3, 1, 2, -3], [3, 1, 0, -1]], [-5, 0, -5, 5])])
+def test_where_the_active_set_goes_round_in_circles_least_squares_end(factor, gap, monkeypatch):
+    called, real = [], scipy.optimize.nnls
+    monkeypatch.setattr(scipy.optimize, "nnls", lambda *args: called.append(1) or real(*args))
+    matrix, gap = np.array(factor, float) @ np.transpose(factor) + 0.01 * np.eye(len(gap)), np.array(gap, float)
+    (expected,) = brute(matrix, gap)
+    assert solve_complementarity(matrix, gap, np.zeros(len(gap), bool)) == pytest.approx(expected, rel=1e-6)
+    assert called == [1]
+    with pytest.raises(np.linalg.LinAlgError, match="could not be found"):  # it does not say that it is definite
+        solve_complementarity(matrix, gap, np.zeros(len(gap), bool), definite=False)
+
+
+def test_a_point_that_just_touches_needs_no_force():
+    for guess in (False, True):
+        assert solve_complementarity(np.array([[2.0]]), np.array([0.0]), np.array([guess]), definite=False) == 0
+    assert solve_complementarity(np.array([[2.0]]), np.array([-3.0]), np.array([False])) == pytest.approx([1.5])
+    with pytest.raises(np.linalg.LinAlgError, match="could not be found"):  # it gives way for ever
+        solve_complementarity(np.array([[-1.0]]), np.array([-1.0]), np.array([False]), definite=False)
 
 
 @pytest.mark.parametrize("seed", range(5))

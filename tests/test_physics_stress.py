@@ -71,3 +71,31 @@ def test_a_rigid_rotation_has_no_stress():
     mesh = build_mesh(Body(length=0.06, width=0.03, height=0.03, cells=(3, 2, 2)))
     turn = np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]])
     assert von_mises(mesh, mesh.points @ (turn - np.eye(3)).T, material("neo-hookean")).max() < 1e-6
+
+
+def test_von_mises_of_pulled_and_sheared_cells_by_hand():
+    """E = 1 MPa, nu = 0.4, so mu = 5/14 MPa. Law "linear": stretched by 1 % along x 2 mu 0.01, sheared sqrt(3) mu 0.01."""
+    mesh = build_mesh(Body(length=0.06, width=0.03, height=0.03, cells=(2, 1, 1), cell="tetrahedron"))
+    x, y, z = mesh.points.T
+    mu, zero = 1e6 / 2.8, 0 * x
+    for u, expected in (((0.01 * x, zero, zero), 0.02 * mu), ((0.01 * y, zero, zero), 3**0.5 * 0.01 * mu),
+                        ((zero, zero, 0.01 * x), 3**0.5 * 0.01 * mu),
+                        ((0.01 * x, 0.01 * y, 0.01 * z), 0), ((0.01 * x, -0.02 * y, 0.03 * z), 2 * mu * 0.01 * 19**0.5)):
+        # the last: differences of the stretches 3, 5 and 2 %, and sqrt((9 + 25 + 4) / 2)
+        np.testing.assert_allclose(von_mises(mesh, np.stack(u, axis=1), material("linear")), expected, rtol=1e-9, atol=1e-6)
+
+
+def test_piola_is_not_its_transpose():
+    """One F with F_12 = 1 alone, law of Saint-Venant and Kirchhoff: E = 1/2 [[0, 1], [1, 1]], S = lambda/2 I + 2 mu E, P = F S."""
+    lmbda, mu = lame(material("saint-venant-kirchhoff"))
+    F = np.array([[1.0, 1, 0], [0, 1, 0], [0, 0, 1]])
+    expected = np.array([[lmbda / 2 + mu, lmbda / 2 + 2 * mu, 0], [mu, lmbda / 2 + mu, 0], [0, 0, lmbda / 2]])
+    np.testing.assert_allclose(first_piola(np.stack([np.eye(3), F]), material("saint-venant-kirchhoff"))[1], expected, rtol=1e-12,
+                               atol=1e-6)
+
+
+def test_a_cell_inside_out_has_no_stress_and_the_others_keep_theirs():
+    mesh = build_mesh(Body(length=2.0, width=1.0, height=1.0, cells=(2, 1, 1), cell="hexahedron"))
+    u = np.where(mesh.points[:, :1] > 1.5, [-2.0, 0, 0], [0.0, 0, 0])  # the second cell is turned over
+    found = von_mises(mesh, u, material("neo-hookean"))
+    assert found[0] == pytest.approx(0, abs=1e-6) and np.isnan(found[1])

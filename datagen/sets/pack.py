@@ -100,8 +100,9 @@ def unpack(file: str | Path, out: str | Path) -> dict[str, Any]:
                 entries.append(replace(entry, sha256=dataset.digest(trajectory)))
     except FileNotFoundError:
         raise InputError(f"{file}: no such file") from None
-    except (zipfile.BadZipFile, lzma.LZMAError, KeyError, ValueError, EOFError, RuntimeError) as error:
-        if isinstance(error, InputError):
+    except (zipfile.BadZipFile, lzma.LZMAError, KeyError, ValueError, EOFError, RuntimeError, OSError) as error:
+        # A damaged place in the archive is an OSError without a file's name; with one it is a folder that cannot be written.
+        if isinstance(error, InputError) or getattr(error, "filename", None):
             raise
         raise InputError(f"{file}: not a whole packed data set: {error}") from None
     dataset.write_manifest(out, replace(manifest, trajectories=tuple(entries)))
@@ -194,7 +195,7 @@ def _low_rank(motion: NDArray[np.float32], tolerance: float) -> Any:
 def _motion(shapes: NDArray[Any], shares: NDArray[Any], step: float, share_steps: NDArray[np.float64]) -> NDArray[np.float32]:
     """(T, n, 3) displacements of what `_low_rank` gives; frames at rest are exactly so."""
     shares = np.cumsum(shares, axis=0)
-    motion = (shares * share_steps) @ (shapes.reshape(len(shapes), -1) * step)
+    motion = (shares * share_steps) @ (shapes.reshape(len(shapes), math.prod(shapes.shape[1:])) * step)  # of rank 0 too
     return motion.reshape(len(shares), *shapes.shape[1:]).astype(np.float32)
 
 

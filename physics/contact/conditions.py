@@ -100,7 +100,7 @@ def _points(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.i
 def _on_quadrilateral(divisions: int) -> tuple[Floats, Floats]:
     """Shape functions (P, 4) and shares of the area (P,) of Simpson's rule: of each part corners, middles of edges, centre.
 
-    All shares are positive, and a pressure that is linear over a facet gives its exact nodal forces; so on triangles.
+    All shares are positive, and a pressure that is linear over a facet gives its exact nodal forces; on triangles an even one does.
     """
     along = np.linspace(0, 1, 2 * divisions + 1)
     one, share = np.stack([1 - along, along], axis=1), np.tile([2.0, 4.0], divisions + 1)[:-1]

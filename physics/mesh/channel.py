@@ -62,9 +62,9 @@ def _rings(left: float, right: float, height: float, centre: Floats, radius: flo
     inner = centre + radius * ray / reach
     # Thickness of the rings: from the spacing on the hole to that on the box.
     fine, coarse = 2 * np.pi * radius / len(outer), 2 * (right - left + height) / len(outer)
-    growth = coarse / fine
+    growth = coarse / fine  # 4 / pi at least: the box holds the hole
     depth = float((reach - radius).mean())
-    count = max(2, round(depth * (np.log(growth) / (growth - 1) if abs(growth - 1) > 1e-6 else 1.0) / fine))
+    count = max(2, round(depth * np.log(growth) / (growth - 1) / fine))
     ratio = growth ** (1 / count)
     steps = ratio ** np.arange(count)
     t = np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])[:, None, None]

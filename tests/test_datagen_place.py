@@ -1,0 +1,112 @@
+"""Where obstacles start and how they move, by the formula of place.py written out for every face, and every limit of its keys."""
+
+import numpy as np
+import pytest
+
+from datagen.place import placed, reach
+from physics.scene import PLACES, read_scene
+from physics.schema import InputError
+
+SIDES = np.array([0.5, 0.3, 0.2])  # [m] length, width, height
+
+
+def table(place, shape="sphere", **keys):
+    return {"body": dict(zip(("length", "width", "height"), SIDES.tolist(), strict=True)) | {"cells": [5, 3, 2]},
+            "material": {"young_modulus": 1e6, "poisson_ratio": 0.3}, "support": [{"where": "x-min"}],
+            "obstacle": {"shape": shape, "place": place, **keys}}
+
+
+def by_the_formula(face, along, across, gap, depth, angles, r):
+    """c(s) = touch + r n + s (-n + tan a1 t1 + tan a2 t2) from s = -gap to depth."""
+    n, t1, t2 = {"x": ([1, 0, 0], [0, 1, 0], [0, 0, 1]), "y": ([0, 1, 0], [1, 0, 0], [0, 0, 1]),
+                 "z": ([0, 0, 1], [1, 0, 0], [0, 1, 0])}[face[0]]
+    n, t1, t2 = np.array(n), np.array(t1), np.array(t2)
+    touch = along * t1 * SIDES + across * t2 * SIDES
+    if face.endswith("max"):
+        touch = touch + n * SIDES
+    else:
+        n = -n
+    way = -n + np.tan(np.deg2rad(angles[0])) * t1 + np.tan(np.deg2rad(angles[1])) * t2
+    return [touch + r * n + s * way for s in (-gap, depth)]
+
+
+@pytest.mark.parametrize("face", PLACES)
+def test_the_way_is_that_of_the_formula_before_every_face(face):
+    place = {"face": face, "along": 0.3, "across": 0.8, "gap": 0.004, "depth": 0.02, "direction": [40, -25]}
+    path = placed(table(place, radius=0.07))["path"]
+    assert np.allclose(path, by_the_formula(face, 0.3, 0.8, 0.004, 0.02, (40, -25), 0.07), rtol=0, atol=1e-15)
+
+
+def test_what_is_left_out_is_the_middle_of_the_upper_face_straight_down_from_touch():
+    assert np.allclose(placed(table({"depth": 0.02}, radius=0.07))["path"], [[0.25, 0.15, 0.27], [0.25, 0.15, 0.25]], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("m", 0.1), ("length", 0.05), ("width", 0.03), ("height", 0.02)])
+def test_a_depth_may_be_measured_by_each_side_of_the_body(unit, metres):
+    path = placed(table({"depth": 0.1, "depth_in": unit, "face": "y-min", "gap": 0.01}, radius=0.05))["path"]
+    assert path[0][1] == pytest.approx(-0.06) and path[1][1] == pytest.approx(-0.05 + metres)
+
+
+@pytest.mark.parametrize(("face", "axis"), [
+    ("x-min", [0, 0.5, 0.75**0.5]), ("x-max", [0, 0.5, 0.75**0.5]), ("y-min", [0.5, 0, 0.75**0.5]), ("y-max", [0.5, 0, 0.75**0.5]),
+    ("z-min", [0.5, 0.75**0.5, 0]), ("z-max", [0.5, 0.75**0.5, 0])])
+def test_an_axis_is_turned_from_the_second_side_to_the_first(face, axis):
+    """By 30 degrees: sin 30 = 1/2 along the first side."""
+    assert placed(table({"face": face, "depth": 0.01, "turn": 30}, "cylinder", radius=0.02))["axis"] == pytest.approx(axis, abs=1e-15)
+    assert placed(table({"face": face, "depth": 0.01, "turn": 0}, "capsule", radius=0.02, length=0.1))["axis"] == pytest.approx(
+        np.round(axis), abs=0.0)
+
+
+@pytest.mark.parametrize("face", PLACES)
+def test_a_half_space_faces_the_body(face):
+    normal = [0.0, 0.0, 0.0]
+    normal["xyz".index(face[0])] = 1.0 if face.endswith("min") else -1.0
+    found = placed(table({"face": face, "depth": 0.01}, "half-space"))
+    assert found["normal"] == normal and np.allclose(found["path"], by_the_formula(face, 0.5, 0.5, 0, 0.01, (0, 0), 0))
+    assert placed(table({"face": face, "depth": 0.01}, "half-space", normal=[1, 2, 3]))["normal"] == [1, 2, 3]  # unless told otherwise
+
+
+@pytest.mark.parametrize(("normal", "expected"), [(0, 0.01 + 0.06 * 3 / 13), (1, 0.01 + 0.06 * 4 / 13), (2, 0.01 + 0.06 * 12 / 13)])
+def test_the_reach_of_a_capsule_is_its_radius_and_what_its_axis_shows_of_half_its_length(normal, expected):
+    for sign in (1, -1):
+        scene = read_scene(table({}, "capsule", radius=0.01, length=0.12, axis=[6 * sign, 8, 24 * sign]) | {"obstacle": {
+            "shape": "capsule", "radius": 0.01, "length": 0.12, "axis": [6 * sign, 8, 24 * sign], "path": [[9, 9, 9]]}})
+        assert reach(scene.obstacle, normal, "") == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize(("face", "expected"), [("x-max", 0.01), ("y-max", 0.03), ("z-max", 0.05)])
+def test_the_reach_of_a_box_is_half_of_its_side(face, expected):
+    path = placed(table({"face": face, "depth": 0.01}, "box", size=[0.02, 0.06, 0.1], radius=0.004))["path"]
+    assert path[0]["xyz".index(face[0])] == pytest.approx(SIDES["xyz".index(face[0])] + expected)
+
+
+def test_a_cylinder_lies_in_the_face():
+    for lean, allowed in ((0.9e-9, True), (1.1e-9, False), (-1.1e-9, False)):
+        given = table({"depth": 0.01}, "cylinder", radius=0.02, axis=[0, 1, lean])
+        if allowed:
+            assert placed(given)["path"][0][2] == pytest.approx(0.22)
+        else:
+            with pytest.raises(InputError, match="must be parallel to obstacle.place's face z-max"):
+                placed(given)
+
+
+@pytest.mark.parametrize(("key", "inside", "outside"), [
+    ("along", (0, 1), (-1e-9, 1 + 1e-9)), ("across", (0, 1), (-1e-9, 1 + 1e-9)), ("gap", (0, 5), (-1e-12,)),
+    ("depth", (1e-12, 5), (0, -1e-12)), ("turn", (-90, 90), (-90.001, 90.001)),
+    ("direction", ([-75, 75], [75, -75]), ([0, 75.001], [-75.001, 0]))])
+def test_the_limits_of_a_place(key, inside, outside):
+    def given(value):
+        return table({"depth": 0.01, key: value}, "capsule", radius=0.02, length=0.03)
+
+    for value in inside:
+        placed(given(value))
+    for value in outside:
+        with pytest.raises(InputError, match=f"obstacle.place.{key}"):
+            placed(given(value))
+
+
+def test_what_else_the_obstacle_says_is_kept():
+    given = table({"depth": 0.01}, radius=0.02, contact="nodes")
+    found = placed(given)
+    assert {name: found[name] for name in found if name != "path"} == {"shape": "sphere", "radius": 0.02, "contact": "nodes"}
+    assert "place" in given["obstacle"]  # the table itself is not changed

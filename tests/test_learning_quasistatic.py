@@ -1,0 +1,248 @@
+"""The parts of an estimate against closed forms, and an estimate itself against a plain solution of the same linear problem."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import cho_solve
+
+from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+from learning import quasistatic as module
+from learning.elastic import Elastic
+from learning.quasistatic import Estimator, _factor, _loads, _rotation
+from physics.contact import ContactSurface
+from physics.mesh import VTK_TYPE, build_mesh
+from physics.obstacle import Rigid
+from physics.scene import Body, read_scene
+from physics.schema import InputError
+
+TABLE = {
+    "body": {"shape": "beam", "length": 0.06, "width": 0.02, "height": 0.02, "cells": [4, 2, 2], "cell": "hexahedron"},
+    "material": {"young_modulus": 3e6, "poisson_ratio": 0.3, "law": "linear"},
+    "support": [{"where": "x-min"}],
+    "obstacle": {"shape": "half-space", "normal": [-0.001, -0.002, -1.0], "path": [[0.06, 0.02, 0.02025], [0.06, 0.02, 0.01985]]},
+    "steps": {"count": 4},
+}
+
+
+def unsolved(table=None, *, centres=None):
+    """A trajectory whose free nodes stay: geometry and obstacle are all that an estimate reads."""
+    scene = read_scene(table or TABLE)
+    mesh, rigid = build_mesh(scene.body), Rigid(scene.obstacle)
+    surface, triangles = rigid.surface_mesh(mesh.points, size=0.01)
+    nodes, count = len(mesh.points), scene.steps.count
+    kind = np.concatenate([np.full(nodes, NORMAL, np.uint8), np.full(len(surface), OBSTACLE, np.uint8)])
+    kind[mesh.places["x-min"]] = HANDLE
+    if centres is None:
+        centres = np.array([rigid.position(step / count) for step in range(count + 1)])
+    displacement = np.zeros((len(centres), nodes + len(surface), 3), np.float32)
+    displacement[:, nodes:] = (centres - rigid.path[0])[:, None]
+    corners = mesh.cells.shape[1]
+    return Trajectory(
+        points=np.concatenate([mesh.points, surface]), connectivity=np.concatenate([mesh.cells.ravel(), (triangles + nodes).ravel()]),
+        offsets=np.concatenate([np.arange(len(mesh.cells)) * corners, mesh.cells.size + np.arange(len(triangles) + 1) * 3]),
+        types=np.concatenate([np.full(len(mesh.cells), VTK_TYPE[mesh.cell], np.uint8), np.full(len(triangles), 5, np.uint8)]),
+        node_kind=kind, displacement=displacement, modes=np.zeros((0, nodes + len(surface), 3), np.float32), scene=scene.to_toml())
+
+
+def rotation(degrees, axis):
+    axis = np.array(axis) / np.linalg.norm(axis)
+    k = np.cross(np.eye(3), axis)
+    return np.eye(3) + np.sin(np.radians(degrees)) * k + (1 - np.cos(np.radians(degrees))) * k @ k
+
+
+def test_the_rotation_of_a_patch():
+    rest = np.random.default_rng(0).normal(size=(7, 3)) + [5, -3, 2]
+    for degrees in (0, 40, 170):
+        turn = rotation(degrees, [1, 2, -1])
+        np.testing.assert_allclose(_rotation(rest, rest @ turn.T + [0.3, 7, -2]), turn, atol=1e-13)
+        stretched = rest @ np.diag([1.2, 0.9, 1.1]) @ turn.T
+        np.testing.assert_allclose(_rotation((rest - rest.mean(axis=0)) @ np.diag([1, 2, 3]), stretched @ np.eye(3)) @ np.eye(3)
+                                   @ _rotation((rest - rest.mean(axis=0)) @ np.diag([1, 2, 3]), stretched).T, np.eye(3), atol=1e-13)
+    flat = rest * [1, 1, 0]  # points in a plane have a rotation, not a reflection
+    turn = rotation(30, [2, 0, 1])
+    np.testing.assert_allclose(_rotation(flat, flat @ turn.T), turn, atol=1e-13)
+    mirrored = _rotation(rest, rest * [1, 1, -1])
+    assert np.linalg.det(mirrored) == pytest.approx(1)
+    line = np.outer([0.0, 1, 2, 4], [1, 2, 3])
+    np.testing.assert_array_equal(_rotation(line, line @ turn.T), np.eye(3))
+    np.testing.assert_array_equal(_rotation(line[:1], line[:1] + 1), np.eye(3))
+
+
+def test_a_factor_of_what_is_not_positive_definite_lifts_it_to_the_softest():
+    turn = rotation(40, [1, 2, 3])
+    good = turn @ np.diag([1.0, 2, 5]) @ turn.T
+    np.testing.assert_allclose(cho_solve(_factor(good), np.eye(3)), np.linalg.inv(good), atol=1e-13)
+    bad = turn @ np.diag([-3.0, 2, 5]) @ turn.T  # 3 is added, and a millionth of 5
+    lifted = np.linalg.inv(cho_solve(_factor(bad), np.eye(3)))
+    np.testing.assert_allclose(np.linalg.eigvalsh(lifted), [5e-6, 5 + 5e-6, 8 + 5e-6], rtol=1e-5)
+    np.testing.assert_allclose(lifted - bad, (3 + 5e-6) * np.eye(3), atol=1e-8)
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.6, 0.8), (1.0, 0.0, 0.0)])
+def test_loads_are_bells_of_one_cell_around_a_point(normal):
+    mesh = build_mesh(Body(length=0.06, width=0.02, height=0.02, cells=(4, 2, 2), cell="hexahedron"))
+    surface = ContactSurface(mesh, "facets", np.zeros(len(mesh.points), bool))
+    rest, size, at, normal = surface.positions(mesh.points), 0.008, np.array([0.035, 0.012, 0.02]), np.array(normal)
+    loads = _loads(surface, rest, at, normal, size, mesh)
+    assert loads.shape == (3 * len(mesh.points), 7)
+    # the body's long axis is x: along it, but normal to the normal; where that is x itself, normal to the smallest of its components
+    first = np.array([1.0, 0, 0]) if normal[0] == 0 else np.cross(normal, np.eye(3)[1])
+    first = first * np.sign(loads[:, 1] @ np.tile(first, len(mesh.points)))
+    across = np.cross(normal, first)
+
+    def bell(centre):
+        weight = np.array([np.exp(-np.sum((point - centre) ** 2) / (2 * size**2)) * area for point, area in zip(rest, surface.area, strict=True)])
+        nodal = np.zeros(len(mesh.points))
+        for share, row in zip(weight / weight.sum(), surface.weights.toarray(), strict=True):
+            nodal += share * row
+        return nodal  # its sum is one
+
+    middle = bell(at)
+    pairs = [[bell(at + s * 2 * size * way) for s in (1, -1)] for way in (first, across)]
+    shapes = [middle, middle, middle, *(a - b for a, b in pairs), *(a + b - 2 * middle for a, b in pairs)]
+    ways = [normal, first, across, normal, normal, normal, normal]
+    for column, shape, way in zip(loads.T, shapes, ways, strict=True):
+        np.testing.assert_allclose(column.reshape(-1, 3), np.outer(shape, way), atol=1e-14)
+
+
+def test_what_an_estimator_knows_of_its_scene(monkeypatch):
+    monkeypatch.setattr(Estimator, "_prepare", lambda *given: None)
+    centres = np.array([[0, 0, 0], [0, 0, 2e-4], [0, 3e-3, -3.8e-3], [0, 0, -3e-4], [0, 0, 4e-3]]) + [0.06, 0.02, 0.02025]
+    trajectory = unsolved(centres=centres)
+    estimator = Estimator(trajectory)
+    # 4 x 2 x 2 hexahedra of 15 x 10 x 10 mm: 36 edges of 15 and 66 of 10 mm
+    assert estimator.size == pytest.approx(0.01)
+    np.testing.assert_allclose(estimator.centres, centres, atol=1e-9)
+    np.testing.assert_allclose(estimator._way, np.cumsum([0, 2e-4, 5e-3, np.hypot(3e-3, 3.5e-3), 4.3e-3]), atol=1e-8)
+    assert estimator.overlaps.tolist() == [False, False, True, True, False]
+    assert estimator._tolerance == pytest.approx(6e-8)  # 1e-6 of the length of 60 mm
+    # of exact contact the inverse of a stiffness of 2e4 moduli over a cell, times the area
+    np.testing.assert_allclose(estimator._softness, 0.01 / 2e4 / estimator.surface.area)
+    assert not (estimator.surface.positions(estimator.mesh.points)[:, 0] < 1e-9).any()  # what is held is not in contact
+
+
+def test_stops_are_frames_a_stride_apart():
+    estimator = Estimator.__new__(Estimator)
+    estimator._way = np.array([0.0, 0, 1, 2, 3, 4, 5, 9])
+    assert estimator._stops(0, 6, 2.0) == [2, 4, 6]  # 5 of way: three parts of two frames
+    assert estimator._stops(0, 6, 2.5) == [3, 6]
+    assert estimator._stops(1, 2, 10.0) == [2]
+    assert estimator._stops(2, 6, 1.0) == [3, 4, 5, 6]
+    assert estimator._stops(6, 7, 0.5) == [7]
+    assert estimator._stops(0, 1, 1.0) == [1]  # no way at all
+
+
+def plain(trajectory, frame):
+    """The linear problem of the frame without any small space: forces p at points of contact by projected Gauss and Seidel."""
+    scene, mesh = read_scene(TABLE), trajectory.mesh
+    held = trajectory.node_kind[trajectory.body] == HANDLE
+    elastic, rigid = Elastic(mesh, held, "linear", 0.3), Rigid(scene.obstacle)
+    surface = ContactSurface(mesh, "facets", held)
+    gap, normal = rigid.gap(surface.positions(mesh.points), rigid.path[0] + trajectory.displacement[frame, -1])
+    g = np.einsum("qn,qi->qni", surface.weights.toarray(), normal).reshape(len(gap), -1)
+    near = gap < 2e-3
+    g, gap = g[near], gap[near]
+    answers = elastic.solve(g.T * ~np.repeat(held, 3)[:, None])
+    matrix = g @ answers + np.diag(0.01 / 2e4 / surface.area[near])
+    p = np.zeros(len(gap))
+    for _ in range(3000):
+        for i in range(len(p)):
+            p[i] = max(0.0, p[i] - (gap[i] + matrix[i] @ p) / matrix[i, i])
+    return (answers @ p).reshape(-1, 3), p
+
+
+def test_a_small_dent_is_that_of_the_linear_problem():
+    trajectory = unsolved()
+    found, answer = Estimator(trajectory).frames([1, 2, 3, 4])
+    assert not found[:2].any() and not answer[:2].any()  # 0.05 mm short of touching, and more
+    # turned by some 7e-3; frame 4 is a pose at which the law itself is evaluated, frame 3 is interpolated between it and rest
+    for row, frame, close in ((2, 3, 3e-2), (3, 4, 2e-4)):
+        expected, p = plain(trajectory, frame)
+        assert (p > 0).sum() > 1 and abs(expected).max() > 4e-5
+        assert abs(found[row] - expected).max() < close * abs(expected).max()
+        assert 0 < abs(answer[row]).max() < close * abs(expected).max()
+
+
+def test_an_obstacle_that_never_touches_leaves_all_at_rest():
+    trajectory = unsolved(centres=np.array([[0.06, 0.02, 0.02025], [0.06, 0.02, 0.0201], [0.06, 0.02, 0.0203]]))
+    estimator = Estimator(trajectory)
+    assert not estimator.overlaps.any() and not hasattr(estimator, "_model")
+    found, answer = estimator.frames([1, 2])
+    assert found.shape == answer.shape == (2, len(trajectory.mesh.points), 3) and found.dtype == answer.dtype == np.float32
+    assert not found.any() and not answer.any()
+
+
+def test_normals_turn_as_the_curvature_of_a_cylinder_says():
+    estimator = Estimator.__new__(Estimator)
+    estimator.size, axis = 0.005, np.array([0.0, 1, 0])
+    estimator.obstacle = Rigid(read_scene({**TABLE, "obstacle": {"shape": "cylinder", "radius": 0.01, "path": [[0, 0, 0.1], [0, 0, 0]]}}).obstacle)
+    centre, points = np.array([0.01, 0.02, 0.03]), np.array([[0.02, 0.05, 0.04], [0.01, 0.0, 0.018]])
+    for found, point in zip(estimator._turning(points, centre), points, strict=True):
+        offset = (point - centre) * [1, 0, 1]
+        distance = np.linalg.norm(offset)
+        expected = (np.eye(3) - np.outer(axis, axis) - np.outer(offset, offset) / distance**2) / distance
+        np.testing.assert_allclose(found, expected, atol=1e-7 / distance)  # second order of steps of 5e-7 m on 1e-2 m: 1e-9
+
+
+def test_answers_of_nodes_are_columns_of_the_inverse_beyond_the_space():
+    estimator = Estimator(unsolved())
+    estimator._restart()
+    elastic, space = estimator._elastic, estimator._model.space
+    free = ~elastic.held
+    whole = np.zeros((elastic.size, elastic.size))
+    whole[np.ix_(free, free)] = np.linalg.inv(elastic.stiffness.toarray()[np.ix_(free, free)])
+    whole -= space @ space.T
+    solved = []
+    solve = elastic.solve
+    elastic.solve = lambda force: solved.append(force.shape[1]) or solve(force)
+    for nodes, new in (([20, 7], 2), ([7, 20, 31], 1), ([31, 7], 0), ([5], 1)):
+        nodes = np.array(nodes)
+        columns = estimator._columns(nodes)
+        components = (3 * nodes[:, None] + np.arange(3)).ravel()
+        np.testing.assert_allclose(estimator._answers[:, columns], whole[:, components], atol=1e-9 * abs(whole).max())
+        assert sum(solved) == 3 * new
+        solved.clear()
+
+
+@pytest.mark.parametrize("changes", [
+    {"load": [{"where": "x-max", "traction": [0, 0, 1.0]}]},
+    {"support": [{"where": "x-min", "fixed": "xy"}]},
+    {"support": [{"where": "x-min"}, {"where": "x-max", "displacement": [0, 0, 1e-3]}]},
+    {"body": {**TABLE["body"], "element": "mean-dilatation"}},
+    {"steps": {"count": 4, "duration": 0.1, "dynamic": True}},
+    {"obstacle": None},
+])
+def test_scenes_of_other_kinds_are_refused(changes):
+    trajectory = unsolved()
+    table = {key: value for key, value in {**TABLE, **changes}.items() if value is not None}
+    try:
+        text = read_scene(table).to_toml()
+    except InputError as error:
+        if "element" not in str(error):
+            raise
+        text = trajectory.scene.replace('[body]', '[body]\nelement = "bubble"')
+    with pytest.raises(InputError, match="estimates, which know clamped bodies"):
+        Estimator(replace(trajectory, scene=text))
+    with pytest.raises(InputError, match="holds no scene"):
+        Estimator(replace(trajectory, scene=""))
+
+
+def test_a_state_far_from_the_pose_is_reached_in_halves():
+    """Each half no longer than a cell; where Newton's method never leads there, the body stays and the pose is the new one."""
+    estimator, asked = Estimator.__new__(Estimator), []
+    estimator.size = 1.0
+    start = module._State(np.zeros(3), np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
+
+    def newton(centre, state, c):
+        asked.append((float(state.centre[0]), float(centre[0])))
+        return replace(state, centre=centre, q=state.q + 1)
+
+    estimator._newton = newton
+    found = estimator._advance(np.array([2.0, 0, 0]), start, np.zeros(1))
+    assert asked == [(0, 1), (1, 2)] and found.q[0] == 2
+    asked.clear()
+    estimator._newton = lambda centre, state, c: asked.append(1)
+    found = estimator._advance(np.array([1.0, 0, 0]), start, np.zeros(1))
+    assert found.centre[0] == 1 and found.q[0] == 0
+    assert len(asked) == 2 ** 7 - 1  # one, its two halves, .. down to 64 of 2^-6 of the way

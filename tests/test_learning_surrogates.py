@@ -1,0 +1,145 @@
+"""A network as a predictor: which path, what it costs and when, with rollouts, correctors and clocks that are made up."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from learning import surrogates as module
+from learning.config import TrainConfig
+from learning.estimate import Estimate
+from learning.predictor import Case, LeftOut
+from learning.surrogates import corrected, corrected_rollout, estimated, learned
+from physics.newton import NoEquilibrium
+from tests.synthetic import bending
+
+MODEL = SimpleNamespace(config=TrainConfig())
+
+
+@pytest.fixture(scope="module")
+def case():
+    return Case("a", bending(cells=(4, 2, 2), steps=4), "scene", "mesh")
+
+
+class World:
+    """Processor time runs at half of the wall's. A rollout takes 20 s of processor time for the set-up and 4 steps of 5 s."""
+
+    def __init__(self, patch, case):
+        self.now, self.modes, self.fails = 100.0, [], None
+        self.path = np.random.default_rng(0).normal(size=case.trajectory.displacement.shape).astype(np.float32)
+        patch.setattr(module, "time", SimpleNamespace(process_time=lambda: self.now, perf_counter=lambda: 2 * self.now + 7))
+        patch.setattr(module, "rollout", self.rollout)
+        patch.setattr(module, "predict_step", self.steps)
+        patch.setattr(module, "elastic_modes", self.elastic)
+        patch.setattr(module, "Corrector", self.corrector)
+
+    def rollout(self, model, trajectory, *, correct=None):
+        if self.fails is not None:
+            raise self.fails
+        self.now += 40
+        path = self.path.copy()
+        if correct is not None:
+            for frame in range(1, len(path)):
+                path[frame, trajectory.body] = correct(path[frame, trajectory.body], frame)
+        return replace(trajectory, displacement=path, extra={"seconds_per_step": 10.0})  # of wall time
+
+    def steps(self, model, trajectory):
+        self.now += 1000  # which do not count
+        return self.path[1:] + 1
+
+    def elastic(self, scene, *, count, mesh):
+        self.now += 3
+        self.modes.append((scene, count, mesh))
+
+    def corrector(self, scene, mesh, *, count):
+        self.now += 30
+        world = self
+
+        def correct(u, fraction):
+            world.asked.append((count, fraction))
+            if world.lost == len(world.asked):
+                raise NoEquilibrium("too far")
+            correct.iterations += 2
+            return u + 0.25 * fraction
+        correct.iterations = 0
+        self.asked, self.about = [], (scene, mesh)
+        return correct
+
+    lost = None
+
+
+@pytest.fixture
+def world(monkeypatch, case):
+    return World(monkeypatch, case)
+
+
+def test_a_networks_own_rollout_and_its_single_steps(world, case):
+    predictor = learned(MODEL)
+    assert (predictor.name, predictor.kind) == ("M4GN", "learned") and learned(MODEL, "b").name == "b"
+    found = predictor.predict(case)
+    body = case.trajectory.body
+    np.testing.assert_array_equal(found.path, world.path[:, body])
+    np.testing.assert_array_equal(found.one_step, world.path[1:, body] + 1)
+    # of 40 s of processor and 80 s of wall time, 4 steps of 10 s of wall are a half; 3 s for the mode
+    assert (found.seconds, found.set_up, found.iterations) == (20.0, 23.0, None)
+    assert world.modes == [("scene", 1, "mesh")]
+    assert learned(MODEL, single_steps=False).predict(case).one_step is None
+
+
+def test_steps_never_take_more_than_the_whole(world, case, monkeypatch):
+    monkeypatch.setattr(world, "rollout", None)
+    monkeypatch.setattr(module, "rollout", lambda model, trajectory: (
+        setattr(world, "now", world.now + 10), replace(trajectory, extra={"seconds_per_step": 10.0}))[1])
+    found = learned(MODEL, single_steps=False).predict(case)  # 4 steps of 10 s within 20 s, says the clock
+    assert (found.seconds, found.set_up) == (10.0, 3.0)
+
+
+@pytest.mark.parametrize("config, modes", [({}, 1), ({"method": "slic-md"}, 1), ({"method": "slic-od-e"}, 0), ({"method": "metis"}, 0),
+                                           ({"modes": "laplacian"}, 0), ({"method": "metis", "modes": "laplacian"}, 0)])
+def test_a_mode_is_paid_for_where_the_segments_need_one(world, case, config, modes):
+    found = learned(SimpleNamespace(config=TrainConfig(**config))).predict(case)
+    assert len(world.modes) == modes and found.set_up == 20.0 + 3 * modes
+
+
+@pytest.mark.parametrize("count, name", [(1, "M4GN, 1 Newton step"), (3, "M4GN, 3 Newton steps"), (None, "M4GN, as the start of Newton")])
+def test_a_corrected_rollout(world, case, count, name):
+    predictor = corrected(MODEL, count)
+    assert (predictor.name, predictor.kind) == (name, "hybrid")
+    found = predictor.predict(case)
+    fractions = np.array([0.25, 0.5, 0.75, 1.0])
+    assert world.asked == [(count, fraction) for fraction in fractions] and world.about == ("scene", "mesh")
+    body = case.trajectory.body
+    np.testing.assert_allclose(found.path[1:], world.path[1:, body] + 0.25 * fractions[:, None, None], atol=1e-6)
+    np.testing.assert_array_equal(found.path[0], world.path[0, body])
+    # 70 s of processor time, 140 of wall, of which 40 are steps
+    assert (found.seconds, found.set_up, found.iterations) == (pytest.approx(20), pytest.approx(50 + 3), 8)
+    assert found.one_step is None
+
+
+def test_what_blows_up_or_is_lost_is_left_out(world, case):
+    world.lost = 3
+    with pytest.raises(LeftOut, match="led nowhere at frame 3: too far"):
+        corrected_rollout(MODEL, case.trajectory, "scene", "mesh", 1)
+    world.fails = FloatingPointError("at step 2")
+    for predictor in (learned(MODEL), corrected(MODEL, 1)):
+        with pytest.raises(LeftOut, match="it blows up: at step 2"):
+            predictor.predict(case)
+
+
+def test_the_estimate_alone_has_its_own_row(world, case, monkeypatch):
+    def guessed(trajectory, frames):
+        world.now += 6
+        assert frames.tolist() == [1, 2, 3, 4]
+        assert not trajectory.displacement[:, trajectory.free].any()  # it is shown no truth
+        np.testing.assert_array_equal(trajectory.displacement[:, ~trajectory.free], case.trajectory.displacement[:, ~trajectory.free])
+        return Estimate(frames, world.path[frames] + 2, world.path[frames])
+
+    monkeypatch.setattr(module, "estimate", guessed)
+    predictor = estimated()
+    assert (predictor.name, predictor.kind) == ("M4GN, its estimate alone", "reduced") and estimated("b").name == "b, its estimate alone"
+    found = predictor.predict(case)
+    body = case.trajectory.body
+    assert not found.path[0].any()
+    np.testing.assert_array_equal(found.path[1:], world.path[1:, body] + 2)
+    assert (found.seconds, found.set_up, found.one_step) == (6.0, 0.0, None)

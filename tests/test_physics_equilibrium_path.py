@@ -1,0 +1,282 @@
+"""The way from one equilibrium to the next: what is foreseen, halved, handed on and said. Nothing is solved that need not be."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from physics import equilibrium
+from physics.balance import Balance
+from physics.equilibrium import HALVINGS, Path, best_order, cells_said, contact_said, extrapolate, identity, snapped, solve
+from physics.mesh import build_mesh
+from physics.newton import NoEquilibrium, State
+from physics.schema import InputError
+from tests.scenes import beam, pressed
+
+SMALL = {"length": 0.06, "width": 0.02, "height": 0.02, "cells": [3, 2, 2], "cell": "hexahedron"}
+BENT = [{"where": "x-max", "traction": [0.0, 0.0, -2e3]}]
+
+
+def bent(**changes):
+    return beam(**({"body": SMALL, "load": BENT, "steps": {"count": 4}} | changes))
+
+
+def path_of(scene):
+    return Path(scene, build_mesh(scene.body))
+
+
+def state(fraction, u, **more):
+    return State(fraction, np.asarray(u, float), np.zeros(0), **more)
+
+
+@pytest.mark.parametrize("degree", range(4))
+def test_a_polynomial_through_the_last_states_goes_on_as_itself(degree):
+    """Of degree d through d + 1 states at unequal fractions, with another polynomial for each component."""
+    rng = np.random.default_rng(degree)
+    curve = rng.normal(size=(degree + 1, 2, 3))
+    at = [0.1, 0.25, 0.3, 0.6][:degree + 1]
+    states = [state(t, sum(c * t**k for k, c in enumerate(curve))) for t in at]
+    for t in (0.0, 0.25, 0.7, 1.3):
+        expected = sum(c * t**k for k, c in enumerate(curve))
+        assert extrapolate(states, t) == pytest.approx(expected, rel=1e-10, abs=1e-10)
+
+
+@pytest.mark.parametrize("degree", range(5))
+def test_the_order_is_that_of_the_polynomial_that_foresees_the_next_state(degree):
+    """States on a curve of degree d: order d is exact, and three is the highest, however many states there are."""
+    at = [0.0, 0.1, 0.3, 0.35, 0.5]
+    states = [state(t, [[1 + t**degree, 2 * t**degree, 0]]) for t in at]
+    # Higher orders are exact too, to rounding: noise of 1e-6 in what they reach back to makes them worse.
+    for i in range(len(states) - 1 - degree):
+        states[i] = state(at[i], states[i].u + 1e-6)
+    following = state(0.7, [[1 + 0.7**degree, 2 * 0.7**degree, 0]])
+    errors = [np.linalg.norm(extrapolate(states[-1 - order:], 0.7) - following.u) for order in range(4)]
+    assert best_order(states, following) == min(degree, 3) == int(np.argmin(errors))
+    assert best_order(states[-1:], following) == 0 and best_order(states[-2:], following) == min(degree, 1)
+
+
+def test_a_path_keeps_four_states_and_the_order_that_was_best(monkeypatch):
+    """Equilibria on a cubic, whose prediction is asked for with the right states; held components are led to their prescription."""
+    asked = []
+
+    class Cubic:
+        def equilibrium(self, fraction, start, last):
+            asked.append((fraction, start, last.fraction))
+            return state(fraction, np.full((2, 3), fraction**3 + fraction))
+
+        def led(self, u, target):
+            return u + 1000 * target
+
+    path = path_of(bent())
+    path.linear, path.newton, path.states = None, Cubic(), [state(0.0, np.zeros((2, 3)))]
+    path.balance = replace_target(path.balance, np.ones((2, 3)))
+    for step in range(1, 9):
+        path.advance(step / 8)
+        assert len(path.states) == min(step + 1, 4) and path.states[-1].fraction == step / 8
+    assert path.order == 3 and [last for _, _, last in asked] == [step / 8 for step in range(8)]
+    for fraction, start, _ in asked[5:]:  # the last four states were on the curve
+        assert start == pytest.approx(np.full((2, 3), fraction**3 + fraction + 1000 * fraction), abs=1e-9)
+    assert asked[1][1] == pytest.approx(np.full((2, 3), asked[0][0]**3 + asked[0][0] + 250.0))  # order 0: two states, one known
+
+
+def replace_target(balance, target):
+    balance.target = target
+    return balance
+
+
+def test_a_step_without_equilibrium_is_halved_six_times_and_then_the_body_is_left_to_itself(monkeypatch):
+    """None past 0.5: 0.25 is reached, then 0.5 ... up to the last 64th of the step to 0.75 before which there is none."""
+    path, tried, settled = path_of(bent()), [], []
+    path.linear = None
+
+    def find(fraction, start, last):
+        tried.append(fraction)
+        if fraction > 0.5 and not settled:
+            raise NoEquilibrium("none")
+        return state(fraction, np.full_like(last.u, fraction))
+
+    class Left:
+        def __init__(self, balance):
+            assert balance is path.balance
+
+        def settle(self, fraction, last, newton):
+            settled.append((fraction, last.fraction, newton))
+            return state(fraction, np.full_like(last.u, fraction)), 0.125 - len(settled) / 64, 3.0 + len(settled)
+
+    monkeypatch.setattr(equilibrium, "Relaxation", Left)
+    path.newton.equilibrium, path.newton.led = find, lambda u, target: u
+    for fraction in (0.25, 0.5):
+        path.advance(fraction)
+    assert path.halvings == 0 and HALVINGS == 6
+    path.advance(0.75)
+    assert tried[:2] == [0.25, 0.5] and tried[2:9] == [0.5 + 0.25 / 2**n for n in range(7)]
+    assert settled == [(0.5 + 0.25 / 64, 0.5, path.newton)] and path.halvings == 6
+    # After it the halves are gone through, each a start anew; nothing fails.
+    assert tried[9:] == [0.5 + 0.25 / 2**n for n in (5, 4, 3, 2, 1, 0)]
+    assert path.snap == 0.125 - 1 / 64 and path.released == 4.0
+    # A second motion before the frame is written: the larger way, and the sum of what was released.
+    path._snap(0.8, NoEquilibrium(""))
+    assert path.snap == 0.125 - 1 / 64 and path.released == 9.0
+    assert len(path.states) == 1 and path.order == 0
+    found = path.frame()
+    assert found["snap"] == 0.125 - 1 / 64 and found["released"] == 9.0 and path.snap == path.released == 0.0
+    path._snap(0.9, NoEquilibrium(""))
+    assert path.snap == 0.125 - 3 / 64 and path.released == 6.0
+
+
+def test_where_the_body_does_not_come_to_rest_all_is_said(monkeypatch):
+    path = path_of(bent(steps={"count": 40}))
+    path.linear = None
+
+    class Lost:
+        def __init__(self, balance):
+            pass
+
+        def settle(self, *_):
+            raise NoEquilibrium("nowhere to go")
+
+    monkeypatch.setattr(equilibrium, "Relaxation", Lost)
+    with pytest.raises(NoEquilibrium, match="^gone after 6 halvings; nowhere to go; ask for more than 40 steps$"):
+        path._snap(0.5, NoEquilibrium("gone"))
+
+
+def test_the_advice_tells_how_many_cells_the_obstacle_moves_in_a_step():
+    """Legs of 9 and 12 mm in 20 steps: 10 for each; at most 1.2 mm of cells of 10 mm (the median of edges of 20, 10 and 10 mm)."""
+    way = [[0.05, 0.01, 0.05], [0.05, 0.01, 0.041], [0.05, 0.022, 0.041]]
+    path = path_of(bent(obstacle={"shape": "sphere", "radius": 0.01, "path": way}, steps={"count": 20}))
+    assert path._advice() == "the obstacle moves 0.12 cell sizes in one step"
+    one = path_of(bent(obstacle={"shape": "sphere", "radius": 0.01, "path": way[:1]}))
+    assert one._advice() == "the obstacle moves 0 cell sizes in one step"
+
+
+def test_an_obstacle_goes_no_further_at_once_than_half_of_what_is_narrower():
+    """2.5 times as far as is safe in one step: four quarters, and no more."""
+    down = {"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.1], [0.05, 0.01, 0.075]]}
+    path = path_of(bent(load=[], obstacle=down))
+    seen, append = [], path._append
+    path._append = lambda found: (seen.append(found.fraction), append(found))[1]
+    path.advance(1.0)
+    assert seen == [0.25, 0.5, 0.75, 1.0] and path.halvings == 0
+    path = path_of(bent(load=[], obstacle=down | {"path": [[0.05, 0.01, 0.1], [0.05, 0.01, 0.0901]]}))
+    path.advance(1.0)
+    assert len(path.states) == 2  # 9.9 of 10 mm
+
+
+def test_frames_hold_what_the_states_are():
+    """Each figure by another way: the energy by a path of forces, the reaction and the residual by the forces themselves."""
+    scene = bent()
+    steps = []
+    solution = solve(scene, on_step=steps.append)
+    assert steps == [1, 2, 3, 4] and solution.resumed == 0 and not solution.failure and solution.seconds > 0
+    assert solution.linear_steps == 0 and solution.kinetic_energy is None and not solution.snap.any() and not solution.released.any()
+    balance = Balance(scene, solution.mesh)
+    force = 2e3 * 0.02 * 0.02
+    for t, u in enumerate(solution.displacement):
+        out = balance.elasticity.force(u) - t / 4 * balance.load
+        assert solution.reaction[t] == pytest.approx([0, 0, -force * t / 4], abs=2e-6 * force)  # on the support
+        if t:
+            # Over the forces at the held components, of which bending makes more than their sum is.
+            free, held = np.linalg.norm(out[~balance.fixed]), np.linalg.norm(out[balance.fixed])
+            assert held > 2 * np.linalg.norm(solution.reaction[t])
+            assert solution.relative_residual[t] == pytest.approx(free / held, rel=1e-9)
+            assert solution.relative_residual[t] <= 1e-6 and solution.newton_iterations[t] >= 1
+            assert solution.energy[t] == pytest.approx(balance.elasticity.energy(u), rel=1e-12)
+    assert solution.energy[0] == solution.relative_residual[0] == solution.newton_iterations[0] == 0
+    assert solution.factorisations >= 1 and np.isfinite(solution.smallest_det_f).all() and solution.smallest_det_f[0] == 1
+    # Nearly a straight line of force against displacement: the work of the load is stored.
+    assert solution.energy[-1] == pytest.approx(0.5 * (balance.load * solution.displacement[-1]).sum(), rel=0.05)
+
+
+def test_steps_of_small_strain_are_counted_but_not_the_rest_state():
+    solution = solve(bent(load=[{"where": "x-max", "traction": [0.0, 0.0, -0.1]}]))
+    assert solution.linear_steps == 4 and solution.newton_iterations.tolist() == [0, 0, 0, 0, 0]
+    assert solution.displacement[1:] == pytest.approx(solution.displacement[-1] * np.arange(1, 5)[:, None, None] / 4, rel=1e-12)
+    assert solution.reaction[2] == pytest.approx([0, 0, -0.1 * 4e-4 / 2], abs=1e-9)
+
+
+def test_a_path_that_failed_says_at_which_step_and_keeps_those_before(monkeypatch):
+    def fail(self, fraction, depth=0):
+        if fraction > 0.5:
+            raise NoEquilibrium("of no use")
+        return self._append(State(fraction, np.full_like(self.states[-1].u, 1e-4), self.states[-1].pressure))
+
+    monkeypatch.setattr(Path, "advance", fail)
+    solution = solve(bent())
+    assert solution.failure == "no equilibrium at step 3: of no use" and len(solution.displacement) == 3
+
+
+def test_motion_in_time_is_not_spread_over_processes():
+    with pytest.raises(InputError, match="motion in time runs as one process"):
+        solve(bent(steps={"count": 2, "dynamic": True, "duration": 0.01}), spread=True)
+
+
+def test_snaps_are_named_up_to_five():
+    assert snapped(np.zeros(4)) == {}
+    assert snapped(np.array([0, 0, 0.25, 0.5]))["snaps"].startswith("at step 2, 3 the body moved by up to 0.5 m without")
+    five, seven = np.array([0.0] + 5 * [0.125]), np.array([0.0] + 7 * [0.125])
+    assert snapped(five)["snaps"].startswith("at step 1, 2, 3, 4, 5 the body")
+    assert snapped(seven)["snaps"].startswith("at step 1, 2, 3, 4, 5 and 2 more the body moved by up to 0.125 m")
+
+
+def test_what_is_said_of_cells_and_contact():
+    scene = bent()
+    assert cells_said(scene) == "hexahedrons, of first order" and contact_said(scene) == "none: the scene has no obstacle"
+    raised = replace(scene, body=replace(scene.body, element="enhanced"))
+    assert cells_said(raised) == "hexahedrons, of first order, enhanced element"
+    assert cells_said(replace(scene, body=replace(scene.body, shape="file"))) == "the cells of the file, of first order"
+    ball = pressed(obstacle={"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.04]]})
+    assert contact_said(ball).startswith("frictionless at points of the surface facets, rigid sphere; nothing")
+    nodes = replace(ball, obstacle=replace(ball.obstacle, contact="nodes"))
+    assert contact_said(nodes).startswith("frictionless at surface nodes, rigid sphere")
+
+
+def test_an_identity_is_that_of_scene_points_and_cells():
+    scene = bent()
+    mesh = build_mesh(scene.body)
+    moved = mesh.points.copy()
+    moved[5, 1] += 1e-15
+    other = mesh.cells.copy()
+    other[0] = other[0][::-1]
+    made = [(scene, mesh), (bent(steps={"count": 5}), mesh), (scene, replace(mesh, points=moved)), (scene, replace(mesh, cells=other))]
+    names = [identity(*each) for each in made]
+    assert identity(scene, build_mesh(scene.body)) == names[0]
+    assert all(one != two for one, two in itertools.combinations(names, 2))
+
+
+def test_small_strain_is_left_once_it_no_longer_holds_and_the_step_is_taken_anew():
+    scene = bent(load=[{"where": "x-max", "traction": [0.0, 0.0, -0.1]}])
+    path = path_of(scene)
+    small = path.newton
+    assert path.linear is not None and path.linear.newton is small and path.balance is small.balance
+    path.advance(0.25)
+    path.frame()
+    assert path.linear_steps == 1
+    path.linear.holds, path.linear.error = lambda u: False, 2.5e-4
+    found = path.advance(0.5)
+    assert path.linear is None and path.newton is not small and path.balance is path._finite is path.newton.balance
+    assert path.kinematics == ("finite strain after 1 steps of linear elasticity, which in the next one would have been off by 2.5e-04 "
+                               "of the largest displacement, 0.0001 is allowed")
+    out = (path.balance.elasticity.force(found.u) - 0.5 * path.balance.load)[~path.balance.fixed]
+    assert found.iterations >= 1 and path.halvings == 0
+    assert np.linalg.norm(out) <= 1e-6 * np.linalg.norm(path.balance.elasticity.force(found.u)[path.balance.fixed])
+    path.frame()
+    assert path.linear_steps == 1 and len(path.states) == 3
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_small_strain_that_was_asked_for_is_halved_and_any_other_left(asked):
+    """Where its equations have no equilibrium: the linear law has no other to turn to."""
+    path = path_of(bent(load=[{"where": "x-max", "traction": [0.0, 0.0, -0.1]}]))
+    path.linear.asked, tried = asked, []
+
+    def scaled(fraction):
+        tried.append(fraction)
+        raise NoEquilibrium("none")
+
+    path.linear.scaled = scaled
+    path._snap = lambda fraction, error: path._append(State(fraction, path.states[-1].u, np.zeros(0)))
+    path.advance(0.25)
+    assert (path.linear is None) != asked and path.states[-1].fraction == 0.25
+    assert tried[:8] == [0.25 / 2**n for n in range(7)] + [0.25 / 32] if asked else tried == [0.25]
+    assert (path.halvings > 0) == asked
