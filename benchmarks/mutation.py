@@ -35,7 +35,7 @@ from pathlib import Path
 from queue import Queue
 
 import parso.python.tree  # noqa: F401 -- before cosmic_ray, whose own imports need it complete
-from cosmic_ray.ast import get_ast, ast_nodes
+from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.operators.provider import OperatorProvider
 from tqdm import tqdm
@@ -160,9 +160,9 @@ def preload() -> None:
     import meshio  # noqa: F401
     import pytest  # noqa: F401
     import safetensors  # noqa: F401
-    import scipy.linalg  # noqa: F401
-    import scipy.optimize  # noqa: F401
-    import scipy.sparse.linalg  # noqa: F401
+    import scipy.linalg
+    import scipy.optimize
+    import scipy.sparse.linalg
     import scipy.spatial  # noqa: F401
     import torch  # noqa: F401
 

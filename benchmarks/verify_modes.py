@@ -14,7 +14,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from physics.mesh.build import build_mesh
-from physics.mesh.cell import PLURAL
+from physics.mesh.cell import 
 from physics.modes.elastic import elastic_modes
 from physics.modes.laplacian import laplacian_modes
 from physics.scene import read_scene

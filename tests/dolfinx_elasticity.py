@@ -6,9 +6,9 @@ import numpy as np
 import ufl
 
 from physics import fem
-from physics.elasticity import Elasticity
-from physics.element import RULES
-from physics.material import LAWS, lame
+from physics.body.elasticity import Elasticity
+from physics.body.material import LAWS, lame
+from physics.mesh.cell import CELLS
 
 
 class DolfinxElasticity(Elasticity):
@@ -19,7 +19,7 @@ class DolfinxElasticity(Elasticity):
         self._u = self.space.function()
         v, w = ufl.TestFunction(self.space.V), ufl.TrialFunction(self.space.V)
         lmbda, mu = (self.space.constant(value) for value in lame(self.material))
-        points, weights = RULES[self.mesh.cell]
+        points, weights = CELLS[self.mesh.cell].points, CELLS[self.mesh.cell].weights
         logging.getLogger("UFL").setLevel(logging.ERROR)  # it is not sure that arrays can be metadata; FFCx reads them there
         rule = {"quadrature_degree": 2, "quadrature_rule": "custom", "quadrature_points": points, "quadrature_weights": weights}
         W = LAWS[self.material.law](ufl.Identity(3) + ufl.grad(self._u), lmbda, mu) * ufl.dx(metadata=rule)

@@ -11,9 +11,10 @@ import scipy.optimize
 import scipy.signal
 from scipy.special import ellipe, ellipk
 
-from physics.equilibrium import Path, solve
-from physics.mesh import build_mesh
+from physics.equilibrium.path import Path
+from physics.mesh.build import build_mesh
 from physics.scene import Support, read_scene
+from physics.solution import solve
 from tests import plain_newton
 from tests.scenes import beam, pressed
 

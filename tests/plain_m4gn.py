@@ -1,4 +1,4 @@
-"""The network of learning/m4gn.py as its equations read, from its bare weights: the inputs of each edge side by side, in float32."""
+"""The network of learning/networks/m4gn.py as its equations read, from its bare weights: the inputs of each edge side by side, in float32."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import layer_norm, linear, relu
 
-from learning.graph import Graph
-from learning.m4gn import M4GN
+from learning.graphs.graph import Graph
+from learning.networks.m4gn import M4GN
 
 HEADS = 8  # of the benchmark's network
 

@@ -10,8 +10,8 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from physics.balance import Balance
-from physics.mesh import build_mesh
+from physics.equilibrium.balance import Balance
+from physics.mesh.build import build_mesh
 
 
 def solve(scene, *, tolerance=1e-9, elasticity=None, steps=None, soften=1.0, halve=True, mesh=None):

@@ -1,4 +1,4 @@
-"""Graph superpixels as learning/segments.py defines them, in plain loops: for tests."""
+"""Graph superpixels as learning/segments/cut.py defines them, in plain loops: for tests."""
 
 TIE = 1e-5  # [segment sizes] distances this close are equal
 

@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from datagen.generate import trajectory_of
+from datagen.sets.generate import trajectory_of
 from physics.scene import read_scene
 
 SCENE = {

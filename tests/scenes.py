@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from physics.mesh import build_mesh
+from physics.mesh.build import build_mesh
 from physics.scene import read_scene
 
 

@@ -4,8 +4,8 @@ import subprocess
 
 import pytest
 
-from datagen import generate
-from datagen.family import load_family
+from datagen.family.family import load_family
+from datagen.sets import generate
 
 SMALL = """
 name = "small"

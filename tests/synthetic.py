@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
-from physics.mesh import build_mesh
+from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+from physics.mesh.build import build_mesh
 from physics.scene import Body
 
 

@@ -10,7 +10,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 import fidelity
-from datagen.trajectory import read_trajectory, write_trajectory
+from datagen.files.trajectory import read_trajectory, write_trajectory
 from learning import demo
 from tests.synthetic import bending
 
@@ -101,7 +101,7 @@ def test_simulate_writes_what_vtk_and_h5py_read_alike(capsys, scene, tmp_path):
 
 
 def test_a_failed_simulation_keeps_its_steps(capsys, scene, tmp_path):
-    from datagen.trajectory import read_trajectory
+    from datagen.files.trajectory import read_trajectory
 
     squeezed = SCENE.replace("count = 10", "count = 4").replace(SCENE[SCENE.index("[obstacle]"):SCENE.index("[steps]")], "")
     squeezed = squeezed.replace("x-min", "z-min")  # between its faces it is pressed flat, and further

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import fidelity
-from physics.modes import elastic_modes
+from physics.modes.elastic import elastic_modes
 from physics.schema import InputError
 from tests.scenes import beam
 
@@ -52,7 +52,7 @@ def test_two_processes_give_the_same(tmp_path, body, material, arguments):
 
 
 def test_pictures_and_trajectory_file(tmp_path, capsys):
-    from datagen.trajectory import problems, read_trajectory
+    from datagen.files.trajectory import problems, read_trajectory
 
     scene = tmp_path / "scene.toml"
     scene.write_text(beam(body={**SLENDER, "cells": [8, 2, 2]}).to_toml())

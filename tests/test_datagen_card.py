@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import fidelity
-from datagen import dataset, statistics
-from datagen.card import write_card
-from datagen.trajectory import read_trajectory
+from datagen.files.trajectory import read_trajectory
+from datagen.sets import dataset, statistics
+from datagen.sets.card import write_card
 from tests.small_set import FILES
 
 
@@ -83,8 +83,8 @@ def test_refining_a_refined_mesh_changes_less(family):
     """The error measured is one of the mesh: it falls with the size of the cells."""
     import dataclasses
 
-    from datagen.family import draw
-    from datagen.generate import trajectory_of
+    from datagen.family.family import draw
+    from datagen.sets.generate import trajectory_of
 
     scene = draw(family, 0, 0)
     errors = []

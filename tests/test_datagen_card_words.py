@@ -8,9 +8,9 @@ from datetime import date
 import numpy as np
 import pytest
 
-from datagen import card, statistics
-from datagen.card import _header, _histogram, _leaves, _units, write_card
-from datagen.provenance import machine
+from datagen.files.provenance import machine
+from datagen.sets import card, statistics
+from datagen.sets.card import _header, _histogram, _leaves, _units, write_card
 from physics.scene import Scene
 from tests.tiny import UNIT, tiny, write_set
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import fidelity
-from datagen import check, dataset
-from datagen.family import load_family
-from datagen.generate import generate, trajectory_of
-from datagen.trajectory import OBSTACLE, read_trajectory, write_trajectory
+from datagen.family.family import load_family
+from datagen.files.trajectory import OBSTACLE, read_trajectory, write_trajectory
+from datagen.sets import check, dataset
+from datagen.sets.generate import generate, trajectory_of
 from physics.scene import read_scene
 from physics.schema import InputError
 from tests.small_set import FILES

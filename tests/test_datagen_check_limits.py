@@ -6,14 +6,15 @@ import types
 import numpy as np
 import pytest
 
-from datagen import check
-from datagen.trajectory import OBSTACLE
-from physics.mesh import build_mesh
-from physics.newton import TOLERANCE
+from datagen.files.trajectory import OBSTACLE
+from datagen.sets import check
+from physics.equilibrium.newton import TOLERANCE
+from physics.fidelity.verify import Frame
+from physics.mesh.build import build_mesh
 from physics.scene import read_scene
-from physics.verify import Frame
 from tests.tiny import tiny, write_set
 from tests.unsolved import COUNT, scene, trajectory
+
 
 def changed(made, at, by):
     displacement = made.displacement.copy()
@@ -264,7 +265,7 @@ def test_the_reaction_may_differ_by_the_residual_and_twice_its_own_rounding(stat
     reaction[7, axis] -= factor * (ALLOWED + 2 * 2 * BLUR * FREE)
     found = check.against_scene(dataclasses.replace(statics, per_frame={"reaction": reaction}))
     assert (found == []) == passes
-    assert passes or found[0].startswith("reaction [") and found[0].endswith(" N at step 7, computed anew [0.0, 0.0, 60.0] N")
+    assert passes or (found[0].startswith("reaction [") and found[0].endswith(" N at step 7, computed anew [0.0, 0.0, 60.0] N"))
 
 
 @pytest.mark.parametrize(("steps", "checked"), [(1, [12]), (2, [6, 12]), (3, [4, 8, 12]), (5, [2, 5, 7, 10, 12]),

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from datagen import dataset
-from datagen.dataset import digest, entry_of, file_name, files, read_manifest, write_manifest
+from datagen.sets import dataset
+from datagen.sets.dataset import digest, entry_of, file_name, files, read_manifest, write_manifest
 from physics.schema import InputError
 from tests.tiny import tiny, write_set
 

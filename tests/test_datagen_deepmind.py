@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import fidelity
-from datagen import dataset
-from datagen.check import check
-from datagen.deepmind import export_records, from_fields, import_records, to_fields
-from datagen.tfrecord import crc32c, masked, parse_example, read_records, write_example, write_records
-from datagen.trajectory import OBSTACLE, problems, read_trajectory
-from physics.mesh import build_mesh
+from datagen.files.tfrecord import crc32c, masked, parse_example, read_records, write_example, write_records
+from datagen.files.trajectory import OBSTACLE, problems, read_trajectory
+from datagen.sets import dataset
+from datagen.sets.check import check
+from datagen.sets.deepmind import export_records, from_fields, import_records, to_fields
+from physics.mesh.build import build_mesh
 from physics.scene import Body
 from physics.schema import InputError
 from tests.small_set import FILES
@@ -217,7 +217,7 @@ def test_damaged_and_foreign_files_are_refused_in_a_line(tmp_path):
 
 def test_one_layout_for_all(folder, tmp_path):
     path = folder / FILES[1]
-    from datagen.trajectory import write_trajectory
+    from datagen.files.trajectory import write_trajectory
 
     found = read_trajectory(path)
     write_trajectory(path, dataclasses.replace(found, displacement=found.displacement[:-1], per_frame={}))

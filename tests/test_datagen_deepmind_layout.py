@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from datagen import dataset
-from datagen.deepmind import KIND_OF, _decoded, _read_meta, export_records, from_fields, import_records, to_fields
-from datagen.tfrecord import parse_example, read_records, write_example, write_records
-from datagen.trajectory import problems, read_trajectory
+from datagen.files.tfrecord import parse_example, read_records, write_example, write_records
+from datagen.files.trajectory import problems, read_trajectory
+from datagen.sets import dataset
+from datagen.sets.deepmind import KIND_OF, _decoded, _read_meta, export_records, from_fields, import_records, to_fields
 from physics.schema import InputError
 from tests.tiny import UNIT, tiny, write_set
 

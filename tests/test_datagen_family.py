@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.family import FOLDER, counts, draw, load_family
-from physics.mesh import build_mesh
-from physics.obstacle import Rigid
+from datagen.family.family import FOLDER, counts, draw, load_family
+from physics.contact.obstacles import Rigid
+from physics.mesh.build import build_mesh
 from physics.scene import PLACES, read_scene
 from physics.schema import InputError
 

@@ -5,8 +5,8 @@ import zlib
 import numpy as np
 import pytest
 
-from datagen.family import LARGEST_SPLIT, SPLITS, Family, Splits, counts, draw, load_family
-from datagen.generate import jobs_of
+from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, Splits, counts, draw, load_family
+from datagen.sets.generate import jobs_of
 from physics.schema import InputError, read_table
 
 TABLE = {"body": {"length": 0.5, "width": 0.3, "height": 0.2, "cells": [2, 2, 2]}, "material": {"young_modulus": 1e6, "poisson_ratio": 0.3}}

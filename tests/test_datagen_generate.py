@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import fidelity
-from datagen import check, dataset, generate
-from datagen.family import draw, load_family
-from datagen.trajectory import HANDLE, OBSTACLE, PER_FRAME, problems, read_trajectory, write_trajectory
-from physics.obstacle import Rigid
+from datagen.family.family import draw, load_family
+from datagen.files.trajectory import HANDLE, OBSTACLE, PER_FRAME, problems, read_trajectory, write_trajectory
+from datagen.sets import check, dataset, generate
+from physics.contact.obstacles import Rigid
 from physics.schema import InputError
 from tests.small_set import COUNTS, FILES, SMALL
 
@@ -117,7 +117,8 @@ def test_a_run_killed_twice_goes_on(family, original, tmp_path):
     """Killed outright, twice, with its workers in the middle of their work: they end too, and what was finished is kept."""
     (tmp_path / "small.toml").write_text(SMALL)
     (tmp_path / "go.py").write_text(f"""
-from datagen import generate, family  # a script without "if __name__ ...", as users write them
+from datagen.family import family
+from datagen.sets import generate  # a script without "if __name__ ...", as users write them
 generate.generate(family.load_family({str(tmp_path / "small.toml")!r}), {COUNTS}, {str(tmp_path / "data")!r}, workers=2)
 """)
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MARK": str(tmp_path)}

@@ -8,10 +8,10 @@ import types
 import numpy as np
 import pytest
 
-from datagen import dataset, generate
-from datagen.family import Family, Splits, draw
-from datagen.trajectory import read_trajectory, write_trajectory
-from physics.mesh import build_mesh
+from datagen.family.family import Family, Splits, draw
+from datagen.files.trajectory import read_trajectory, write_trajectory
+from datagen.sets import dataset, generate
+from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from tests.scenes import beam, pressed
 from tests.tiny import tiny

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import fidelity
-from datagen import dataset
-from datagen.check import against_scene, check
-from datagen.pack import decode, encode, pack, unpack
-from datagen.trajectory import read_trajectory, write_trajectory
+from datagen.files.trajectory import read_trajectory, write_trajectory
+from datagen.sets import dataset
+from datagen.sets.check import against_scene, check
+from datagen.sets.pack import decode, encode, pack, unpack
 from physics.schema import InputError
 from tests.small_set import FILES
 from tests.synthetic import bending

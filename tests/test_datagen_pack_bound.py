@@ -9,9 +9,9 @@ import zipfile
 import numpy as np
 import pytest
 
-from datagen import dataset
-from datagen.pack import decode, encode, pack, unpack
-from datagen.trajectory import read_trajectory, write_trajectory
+from datagen.files.trajectory import read_trajectory, write_trajectory
+from datagen.sets import dataset
+from datagen.sets.pack import decode, encode, pack, unpack
 from physics.schema import InputError
 from tests.synthetic import bending
 from tests.tiny import UNIT, tiny, write_set
@@ -200,7 +200,7 @@ def test_a_set_that_is_not_what_its_manifest_says_leaves_no_file(packed, tmp_pat
 
 def test_flipped_bytes_are_refused_or_change_nothing(packed, tmp_path, monkeypatch):
     """Every fifth byte, turned over; only in the archive's own headers (times, attributes) may one go unnoticed, never in the data."""
-    monkeypatch.setattr("datagen.pack.write_trajectory", lambda path, trajectory: None)
+    monkeypatch.setattr("datagen.sets.pack.write_trajectory", lambda path, trajectory: None)
     pack(tmp_path / "set", packed, tolerance=1e-3)
     data = packed.read_bytes()
     with zipfile.ZipFile(packed) as archive:  # behind 30 bytes and the name; of LZMA not the properties, nor the mark of its end
@@ -236,6 +236,6 @@ def test_whatever_damage_looks_like_is_said_in_a_line(packed, tmp_path, monkeypa
     def damaged(blob):
         raise error
 
-    monkeypatch.setattr("datagen.pack.decode", damaged)
+    monkeypatch.setattr("datagen.sets.pack.decode", damaged)
     with pytest.raises(InputError, match=r"small\.pack: not a whole packed data set: '?x"):
         unpack(packed, tmp_path / "again")

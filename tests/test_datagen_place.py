@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from datagen.place import placed, reach
+from datagen.family.place import placed, reach
 from physics.scene import PLACES, read_scene
 from physics.schema import InputError
 

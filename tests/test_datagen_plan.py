@@ -6,12 +6,12 @@ import scipy.sparse
 from scipy.sparse.csgraph import shortest_path
 
 import fidelity
-from datagen import plan as plan_module
-from datagen.family import counts, draw, load_family
-from datagen.plan import figures, graph_diameter, planned, spread, summary
-from physics.balance import cell_size
-from physics.mesh import build_mesh
-from physics.obstacle import Rigid
+from datagen.family.family import counts, draw, load_family
+from datagen.sets import plan as plan_module
+from datagen.sets.plan import figures, graph_diameter, planned, spread, summary
+from physics.contact.obstacles import Rigid
+from physics.equilibrium.balance import cell_size
+from physics.mesh.build import build_mesh
 from physics.scene import Body, read_scene
 from tests.scenes import pressed
 

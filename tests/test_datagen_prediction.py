@@ -8,9 +8,9 @@ import types
 import numpy as np
 import pytest
 
-from datagen import prediction
-from datagen.prediction import finite, read_truth, verify_files
-from datagen.trajectory import write_trajectory
+from datagen.files import prediction
+from datagen.files.prediction import finite, read_truth, verify_files
+from datagen.files.trajectory import write_trajectory
 from physics.schema import InputError
 from tests.unsolved import scene, trajectory
 

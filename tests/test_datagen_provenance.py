@@ -10,8 +10,8 @@ import h5py
 import numpy
 import pytest
 
-from datagen import provenance
-from datagen.provenance import commit, machine, versions
+from datagen.files import provenance
+from datagen.files.provenance import commit, machine, versions
 
 
 @pytest.fixture(autouse=True)

@@ -7,8 +7,8 @@ import types
 import numpy as np
 import pytest
 
-from datagen import statistics
-from datagen.statistics import lines, of_trajectory, rows_of
+from datagen.sets import statistics
+from datagen.sets.statistics import lines, of_trajectory, rows_of
 from physics.schema import InputError
 from tests.scenes import beam, pressed
 from tests.tiny import UNIT, tiny, write_set

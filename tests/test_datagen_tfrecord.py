@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from datagen.tfrecord import crc32c, masked, parse_example, read_records, write_example, write_records
+from datagen.files.tfrecord import crc32c, masked, parse_example, read_records, write_example, write_records
 from physics.schema import InputError
 
 

@@ -8,8 +8,8 @@ import pytest
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from datagen import trajectory as module
-from datagen.trajectory import Trajectory, problems, read_trajectory, write_trajectory
+from datagen.files import trajectory as module
+from datagen.files.trajectory import Trajectory, problems, read_trajectory, write_trajectory
 from physics.schema import InputError
 from tests.synthetic import bending
 

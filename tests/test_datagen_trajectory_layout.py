@@ -7,9 +7,9 @@ import h5py
 import numpy as np
 import pytest
 
-from datagen import trajectory as module
-from datagen.trajectory import as_solved, at_rest, problems, read_sound, read_trajectory, unfinished, write_trajectory
-from physics.mesh import build_mesh
+from datagen.files import trajectory as module
+from datagen.files.trajectory import as_solved, at_rest, problems, read_sound, read_trajectory, unfinished, write_trajectory
+from physics.mesh.build import build_mesh
 from physics.scene import Body
 from physics.schema import InputError
 from tests.scenes import beam

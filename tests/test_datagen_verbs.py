@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
-import datagen.card
-import datagen.check
-import datagen.deepmind
-import datagen.pack
-import datagen.statistics
+import datagen.sets.card
+import datagen.sets.check
+import datagen.sets.deepmind
+import datagen.sets.pack
+import datagen.sets.statistics
 from datagen.verbs import VERBS, add_data_verbs
 from physics.schema import WorkError
 
@@ -73,27 +73,27 @@ def verb(monkeypatch):
 
 
 def test_the_check_says_every_problem_and_fails_with_their_number(verb):
-    assert verb("check", datagen.check, "check", [], folder="F", steps=4) == (
+    assert verb("check", datagen.sets.check, "check", [], folder="F", steps=4) == (
         {"problems": []}, [("F", {"steps": 4})], ["F: nothing wrong"])
     for problems, words in ((["a"], "1 problem in F: a"), (["a", "b"], "2 problems in F: a")):
         with pytest.raises(WorkError) as error:
-            verb("check", datagen.check, "check", problems, folder="F", steps=4)
+            verb("check", datagen.sets.check, "check", problems, folder="F", steps=4)
         assert str(error.value) == words and error.value.result == {"problems": problems}
 
 
 def test_the_other_verbs_pass_on_what_they_were_given_and_say_what_came_back(verb, tmp_path):
-    assert verb("stats", datagen.statistics, "statistics", {"count": 3}, folder="F", refined=2, seed=7) == (
+    assert verb("stats", datagen.sets.statistics, "statistics", {"count": 3}, folder="F", refined=2, seed=7) == (
         {"count": 3}, [("F", {"refined": 2, "seed": 7})], ["count                  3"])
-    assert verb("card", datagen.card, "write_card", tmp_path, folder="F", refined=2) == (
+    assert verb("card", datagen.sets.card, "write_card", tmp_path, folder="F", refined=2) == (
         {"out": str(tmp_path)}, [("F", {"refined": 2})], [f"card: {tmp_path}"])
     packed = {"trajectories": 3, "bytes": 2_345_678, "ratio": 45.6, "largest_error": 9.8765e-7}
-    assert verb("pack", datagen.pack, "pack", packed, folder="F", out="P", tolerance=0.5) == (
+    assert verb("pack", datagen.sets.pack, "pack", packed, folder="F", out="P", tolerance=0.5) == (
         packed, [("F", "writable P.pack", {"tolerance": 0.5})],
         ["3 trajectories, 2.35 MB, 46 times smaller, largest error 9.88e-07 m: writable P.pack"])
     some = {"trajectories": 3}
-    assert verb("unpack", datagen.pack, "unpack", some, file="P", out="G") == (some, [("P", "writable G", {})], ["3 trajectories: G"])
-    assert verb("import", datagen.deepmind, "import_records", some, folder="F", out="G", count=4) == (
+    assert verb("unpack", datagen.sets.pack, "unpack", some, file="P", out="G") == (some, [("P", "writable G", {})], ["3 trajectories: G"])
+    assert verb("import", datagen.sets.deepmind, "import_records", some, folder="F", out="G", count=4) == (
         some, [("F", "writable G", {"count": 4})], ["3 trajectories: G"])
-    assert verb("export", datagen.deepmind, "export_records", some, folder="F", out="G", cells="own") == (
+    assert verb("export", datagen.sets.deepmind, "export_records", some, folder="F", out="G", cells="own") == (
         some, [("F", "writable G", {"cells": "own"})], ["3 trajectories: G"])
     assert list(VERBS) == ["check", "stats", "card", "pack", "unpack", "import", "export"]

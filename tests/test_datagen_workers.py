@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from datagen import workers
-from datagen.provenance import commit
-from datagen.workers import _bar, _one_thread, _ready, _without_main, on_cluster, on_this_machine, progress
+from datagen.files.provenance import commit
+from datagen.sets import workers
+from datagen.sets.workers import _bar, _one_thread, _ready, _without_main, on_cluster, on_this_machine, progress
 from physics.schema import InputError
 
 

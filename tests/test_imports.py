@@ -1,8 +1,11 @@
 """Which package may import what, read from the sources themselves, and that training stays free of the FE solver."""
 
 import ast
+import importlib
+import re
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -38,8 +41,54 @@ def test_imports_go_one_way(path: Path) -> None:
         assert not names & SOLVERS, "the solvers are reached through physics"
 
 
+def modules_imported(path: Path, known: set[str]) -> set[str]:
+    """The project's modules that a source file imports, late imports included."""
+    found = set()
+    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {f"{node.module}.{alias.name}" for alias in node.names} | {node.module}
+    return found & known
+
+
+def name_of(path: Path) -> str:
+    return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+
+
+def test_no_import_leads_back_neither_between_modules_nor_between_rooms() -> None:
+    """A room is a sub-package, or a module beside them; late imports count."""
+    known = {name_of(path) for path in SOURCES}
+    graph = {name_of(path): modules_imported(path, known) - {name_of(path)} for path in SOURCES}
+    TopologicalSorter(graph).prepare()  # raises CycleError with the circle in it
+    rooms: dict[str, set[str]] = {}
+    for module, others in graph.items():
+        room = ".".join(module.split(".")[:2])
+        rooms.setdefault(room, set()).update({".".join(other.split(".")[:2]) for other in others} - {room})
+    order = list(TopologicalSorter(rooms).static_order())
+    assert order.index("physics.mesh") < order.index("physics.linalg") < order.index("physics.body") < order.index("physics.equilibrium")
+
+
+@pytest.mark.parametrize("package", sorted({path.parent for path in SOURCES}), ids=str)
+def test_the_map_of_a_package_names_all_that_is_in_it(package: Path) -> None:
+    docstring = ast.get_docstring(ast.parse((ROOT / package / "__init__.py").read_text()))
+    there = {path.stem for path in (ROOT / package).glob("*.py")} | {path.parent.name for path in (ROOT / package).glob("*/__init__.py")}
+    assert there - {"__init__"} <= set(re.findall(r"\w+", docstring))
+    assert len(there) - len(list((ROOT / package).glob("*/__init__.py"))) <= 10
+
+
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_what_a_package_offers_can_be_imported_from_it(package: str) -> None:
+    module = importlib.import_module(package)
+    assert len(module.__all__) > 5
+    for name in module.__all__:
+        assert getattr(module, name).__name__.endswith(name)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        module.nonsense  # noqa: B018
+
+
 def test_training_does_not_load_the_solver() -> None:
     """What training needs of the physics lies in the trajectory files."""
-    program = "import sys, learning.train; print(*sorted(sys.modules))"
+    program = "import sys, learning.training.train; print(*sorted(sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     assert not set(done.stdout.split()) & SOLVERS

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.dataset import files
-from datagen.pack import unpack
-from datagen.trajectory import read_trajectory
-from learning.checkpoint import load_model, read_state
-from learning.data import build_case
-from learning.evaluate import evaluate
-from learning.rollout import walk
-from physics.quality import rmse
+from datagen.files.trajectory import read_trajectory
+from datagen.sets.dataset import files
+from datagen.sets.pack import unpack
+from learning.prediction.checkpoint import load_model, read_state
+from learning.prediction.rollout import walk
+from learning.report.evaluate import evaluate
+from learning.samples.samples import build_case
+from physics.mesh.quality import rmse
 
 ASSETS = Path(__file__).parent.parent / "assets"
 RUN = ASSETS / "m4gn-beam"

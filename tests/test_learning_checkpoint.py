@@ -7,11 +7,11 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
-from learning import checkpoint as module
-from learning.checkpoint import State, load_model, load_weights, read_state, write_state
 from learning.config import TrainConfig
-from learning.data import Normaliser
-from learning.m4gn import M4GN, M4GNConfig
+from learning.networks.m4gn import M4GN, M4GNConfig
+from learning.prediction import checkpoint as module
+from learning.prediction.checkpoint import State, load_model, load_weights, read_state, write_state
+from learning.samples.samples import Normaliser
 from physics.schema import InputError, to_table
 
 CONFIG = TrainConfig(segments=7, network=M4GNConfig(hidden=4, message_steps=1, transformer_layers=1, heads=2))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from learning.config import TrainConfig, load_config
-from learning.m4gn import M4GNConfig
+from learning.networks.m4gn import M4GNConfig
 from physics.schema import InputError, read_table, to_table
 
 

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from learning import curve as module
-from learning.curve import Curve
+from learning.training import curve as module
+from learning.training.curve import Curve
 
 
 def lines(folder):

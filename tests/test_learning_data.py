@@ -8,12 +8,24 @@ import numpy as np
 import pytest
 import torch
 
-from datagen.trajectory import write_trajectory
-from learning import data
+from datagen.files.trajectory import write_trajectory
 from learning.config import TrainConfig
-from learning.data import Case, Moments, all_frames, build_case, chances, describe, fingerprint, fit_normaliser, load_cases, sample, unit_of
-from learning.estimate import Estimate
-from learning.graph import build_skeleton
+from learning.graphs.graph import build_skeleton
+from learning.samples import samples as data
+from learning.samples.estimate import Estimate
+from learning.samples.samples import (
+    Case,
+    Moments,
+    all_frames,
+    build_case,
+    chances,
+    describe,
+    fingerprint,
+    fit_normaliser,
+    load_cases,
+    sample,
+    unit_of,
+)
 from physics.schema import InputError
 from tests.tiny_graph import KIND, REST, assert_graph_is, contacts_by_hand, edges_by_hand, mesh_edge_by_hand, node_by_hand, tiny
 

@@ -5,9 +5,10 @@ from math import factorial
 import numpy as np
 import pytest
 
-from learning import elastic as module
-from learning.elastic import Elastic, symmetric
-from physics.mesh import Mesh, build_mesh
+from physics.mesh.build import build_mesh
+from physics.mesh.mesh import Mesh
+from physics.reduced import elastic as module
+from physics.reduced.elastic import Elastic, symmetric
 from physics.scene import Body
 
 CELLS = ("prism", "tetrahedron", "hexahedron")

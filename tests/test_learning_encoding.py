@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from learning import encoding
-from learning.encoding import mesh_graph, random_walk, segment_graph
-from learning.graph import build_skeleton, mesh_edges, neighbours
-from learning.segments import segment
+from learning.graphs import encoding
+from learning.graphs.encoding import mesh_graph, random_walk, segment_graph
+from learning.graphs.graph import build_skeleton, neighbours
+from learning.segments.cut import segment
+from learning.segments.edges import mesh_edges
 from tests.synthetic import bending
 
 

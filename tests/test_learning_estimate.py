@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datagen.generate import trajectory_of
-from learning.elastic import Elastic
-from learning.estimate import estimate
-from learning.quasistatic import Estimator
-from learning.reduced import Reduced, derivatives
-from physics.elasticity import Elasticity
-from physics.mesh import build_mesh
+from datagen.sets.generate import trajectory_of
+from learning.samples.estimate import estimate, estimator_of
+from physics.body.elasticity import Elasticity
+from physics.mesh.build import build_mesh
+from physics.reduced.elastic import Elastic
+from physics.reduced.space import Reduced, derivatives
 from physics.scene import Body, Material, read_scene
 from physics.schema import InputError
 from tests.pressed import SCENE, pressed
@@ -131,7 +130,7 @@ def test_other_cells_and_laws(cell, law, bound):
 
 def test_the_obstacle_is_cleared(found):
     truth = pressed()
-    estimator = Estimator(truth)
+    estimator = estimator_of(truth)
     for row, frame in enumerate(FRAMES):
         points = estimator.mesh.points + found.displacement[row, truth.body]
         gap = estimator.obstacle.gap(estimator.surface.positions(points), estimator.centres[frame])[0].min()

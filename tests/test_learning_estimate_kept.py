@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from learning import estimate as module
-from learning.estimate import Estimate, estimate
+from learning.samples import estimate as module
+from learning.samples.estimate import Estimate, estimate
 from physics.schema import InputError
 from tests.synthetic import bending
 

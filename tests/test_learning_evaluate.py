@@ -10,20 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.generate import trajectory_of
-from datagen.trajectory import write_trajectory
-from learning.compare import compare, predictors
+from datagen.files.trajectory import write_trajectory
+from datagen.sets.generate import trajectory_of
 from learning.config import TrainConfig
-from learning.evaluate import evaluate
-from learning.m4gn import M4GNConfig
-from learning.measure import _row
-from learning.pareto import front, measure_of
-from learning.predictor import Predictor
-from learning.report import write_report
-from learning.rivals import REFERENCE, between, coarser, keep_acceleration, keep_velocity, nothing_moves
-from learning.table import COLUMNS, TABLES, Report, Row, cells, headline, improvement, shown
-from learning.train import train
-from physics.quality import rmse
+from learning.networks.m4gn import M4GNConfig
+from learning.prediction.predictor import Predictor
+from learning.prediction.rivals import REFERENCE, between, coarser, keep_acceleration, keep_velocity, nothing_moves
+from learning.report.compare import compare, predictors
+from learning.report.evaluate import evaluate
+from learning.report.measure import _row
+from learning.report.pareto import front, measure_of
+from learning.report.report import write_report
+from learning.report.table import COLUMNS, TABLES, Report, Row, cells, headline, improvement, shown
+from learning.training.train import train
+from physics.mesh.quality import rmse
 from physics.schema import InputError
 from tests.scenes import pressed
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datagen.trajectory import AIRFOIL, INFLOW, WALL, at_rest
-from learning import features as module
-from learning.features import Features, features
-from learning.harmonics import harmonics
-from physics.mesh import build_mesh
+from datagen.files.trajectory import AIRFOIL, INFLOW, WALL, at_rest
+from learning.segments import features as module
+from learning.segments.features import Features, features
+from learning.segments.harmonics import harmonics
+from physics.mesh.build import build_mesh
 from physics.scene import Body
 from physics.schema import InputError
 from tests.synthetic import bending

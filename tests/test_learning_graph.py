@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from datagen.trajectory import HANDLE, NORMAL, OBSTACLE
-from learning.encoding import mesh_graph, random_walk
-from learning.graph import build_graph, build_skeleton, contact_edges, join, mesh_edges, neighbours
+from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE
+from learning.graphs.encoding import mesh_graph, random_walk
+from learning.graphs.graph import build_graph, build_skeleton, contact_edges, join, neighbours
+from learning.segments.edges import mesh_edges
 from tests.synthetic import bending
 from tests.tiny_graph import KIND, REST, assert_graph_is, edges_by_hand, one_cell, tiny
 

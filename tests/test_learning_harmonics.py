@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from datagen.trajectory import AIRFOIL, HANDLE, INFLOW, OUTFLOW, WALL, at_rest
-from learning.harmonics import harmonics, laplacian
-from physics.laplacian import laplacian_modes
-from physics.mesh import Mesh, build_mesh
+from datagen.files.trajectory import AIRFOIL, HANDLE, INFLOW, OUTFLOW, WALL, at_rest
+from learning.segments.harmonics import harmonics, laplacian
+from physics.mesh.build import build_mesh
+from physics.mesh.mesh import Mesh
+from physics.modes.laplacian import laplacian_modes
 from physics.scene import Body
 from physics.schema import InputError
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from learning.graph import Graph, build_graph, build_skeleton, join
-from learning.m4gn import MLP, M4GN, M4GNConfig, TransformerBlock, mean_of_own, mean_of_segments, products, sum_at
-from learning.segments import segment
+from learning.graphs.graph import Graph, build_graph, build_skeleton, join
+from learning.networks.m4gn import M4GN, MLP, M4GNConfig, TransformerBlock, mean_of_own, mean_of_segments, products, sum_at
+from learning.segments.cut import segment
 from physics.schema import InputError
 from tests import plain_m4gn
 from tests.plain_m4gn import attend, mlp

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from scipy.linalg import cho_solve
 
-from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
-from learning import quasistatic as module
-from learning.elastic import Elastic
-from learning.quasistatic import Estimator, _factor, _loads, _rotation
-from physics.contact import ContactSurface
-from physics.mesh import VTK_TYPE, build_mesh
-from physics.obstacle import Rigid
+from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+from learning.samples.estimate import estimator_of
+from physics.contact.conditions import ContactSurface
+from physics.contact.obstacles import Rigid
+from physics.mesh.build import build_mesh
+from physics.mesh.cell import CELLS
+from physics.reduced import quasistatic as module
+from physics.reduced.elastic import Elastic
+from physics.reduced.quasistatic import Estimator, _factor, _loads, _rotation
 from physics.scene import Body, read_scene
 from physics.schema import InputError
 
@@ -41,7 +43,7 @@ def unsolved(table=None, *, centres=None):
     return Trajectory(
         points=np.concatenate([mesh.points, surface]), connectivity=np.concatenate([mesh.cells.ravel(), (triangles + nodes).ravel()]),
         offsets=np.concatenate([np.arange(len(mesh.cells)) * corners, mesh.cells.size + np.arange(len(triangles) + 1) * 3]),
-        types=np.concatenate([np.full(len(mesh.cells), VTK_TYPE[mesh.cell], np.uint8), np.full(len(triangles), 5, np.uint8)]),
+        types=np.concatenate([np.full(len(mesh.cells), CELLS[mesh.cell].vtk, np.uint8), np.full(len(triangles), 5, np.uint8)]),
         node_kind=kind, displacement=displacement, modes=np.zeros((0, nodes + len(surface), 3), np.float32), scene=scene.to_toml())
 
 
@@ -110,7 +112,7 @@ def test_what_an_estimator_knows_of_its_scene(monkeypatch):
     monkeypatch.setattr(Estimator, "_prepare", lambda *given: None)
     centres = np.array([[0, 0, 0], [0, 0, 2e-4], [0, 3e-3, -3.8e-3], [0, 0, -3e-4], [0, 0, 4e-3]]) + [0.06, 0.02, 0.02025]
     trajectory = unsolved(centres=centres)
-    estimator = Estimator(trajectory)
+    estimator = estimator_of(trajectory)
     # 4 x 2 x 2 hexahedra of 15 x 10 x 10 mm: 36 edges of 15 and 66 of 10 mm
     assert estimator.size == pytest.approx(0.01)
     np.testing.assert_allclose(estimator.centres, centres, atol=1e-9)
@@ -154,7 +156,7 @@ def plain(trajectory, frame):
 
 def test_a_small_dent_is_that_of_the_linear_problem():
     trajectory = unsolved()
-    found, answer = Estimator(trajectory).frames([1, 2, 3, 4])
+    found, answer = estimator_of(trajectory).frames([1, 2, 3, 4])
     assert not found[:2].any() and not answer[:2].any()  # 0.05 mm short of touching, and more
     # turned by some 7e-3; frame 4 is a pose at which the law itself is evaluated, frame 3 is interpolated between it and rest
     for row, frame, close in ((2, 3, 3e-2), (3, 4, 2e-4)):
@@ -166,7 +168,7 @@ def test_a_small_dent_is_that_of_the_linear_problem():
 
 def test_an_obstacle_that_never_touches_leaves_all_at_rest():
     trajectory = unsolved(centres=np.array([[0.06, 0.02, 0.02025], [0.06, 0.02, 0.0201], [0.06, 0.02, 0.0203]]))
-    estimator = Estimator(trajectory)
+    estimator = estimator_of(trajectory)
     assert not estimator.overlaps.any() and not hasattr(estimator, "_model")
     found, answer = estimator.frames([1, 2])
     assert found.shape == answer.shape == (2, len(trajectory.mesh.points), 3) and found.dtype == answer.dtype == np.float32
@@ -186,7 +188,7 @@ def test_normals_turn_as_the_curvature_of_a_cylinder_says():
 
 
 def test_answers_of_nodes_are_columns_of_the_inverse_beyond_the_space():
-    estimator = Estimator(unsolved())
+    estimator = estimator_of(unsolved())
     estimator._restart()
     elastic, space = estimator._elastic, estimator._model.space
     free = ~elastic.held
@@ -223,9 +225,9 @@ def test_scenes_of_other_kinds_are_refused(changes):
             raise
         text = trajectory.scene.replace('[body]', '[body]\nelement = "bubble"')
     with pytest.raises(InputError, match="estimates, which know clamped bodies"):
-        Estimator(replace(trajectory, scene=text))
+        estimator_of(replace(trajectory, scene=text))
     with pytest.raises(InputError, match="holds no scene"):
-        Estimator(replace(trajectory, scene=""))
+        estimator_of(replace(trajectory, scene=""))
 
 
 def test_a_state_far_from_the_pose_is_reached_in_halves():

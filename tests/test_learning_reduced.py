@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from learning import reduced as module
-from learning.elastic import Elastic
-from learning.reduced import Reduced, derivatives
-from physics.mesh import build_mesh
+from physics.mesh.build import build_mesh
+from physics.reduced import space as module
+from physics.reduced.elastic import Elastic
+from physics.reduced.space import Reduced, derivatives
 from physics.scene import Body
 
 NU = 0.3

@@ -6,11 +6,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from learning import rivals as module
-from learning.predictor import Case, LeftOut, Prediction, Predictor
-from learning.rivals import REFERENCE, between, coarser, elements, follow, keep_acceleration, keep_velocity, nothing_moves, reduced, trivial
-from physics.mesh import build_mesh
-from physics.newton import NoEquilibrium
+from learning.prediction import rivals as module
+from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
+from learning.prediction.rivals import (
+    REFERENCE,
+    between,
+    coarser,
+    elements,
+    follow,
+    keep_acceleration,
+    keep_velocity,
+    nothing_moves,
+    reduced,
+    trivial,
+)
+from physics.equilibrium.newton import NoEquilibrium
+from physics.mesh.build import build_mesh
 from tests.scenes import beam
 from tests.synthetic import bending
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from datagen.trajectory import OBSTACLE
-from learning import rollout as module
-from learning.checkpoint import Model
+from datagen.files.trajectory import OBSTACLE
 from learning.config import TrainConfig
-from learning.data import Normaliser, build_case
-from learning.estimate import Estimate
-from learning.m4gn import M4GNConfig
-from learning.rollout import predict_step, rollout, rollout_error, walk
+from learning.networks.m4gn import M4GNConfig
+from learning.prediction import rollout as module
+from learning.prediction.checkpoint import Model
+from learning.prediction.rollout import predict_step, rollout, rollout_error, walk
+from learning.samples.estimate import Estimate
+from learning.samples.samples import Normaliser, build_case
 from tests.synthetic import bending
 
 BASE = TrainConfig(segments=3, method="metis", network=M4GNConfig(hidden=4, heads=2), contact_radius=0.006, noise=0.0)
@@ -70,7 +70,7 @@ def guessed(trajectory, frames, **options):
 
 @pytest.fixture(autouse=True)
 def estimates(monkeypatch):
-    monkeypatch.setattr("learning.data.estimate", guessed)
+    monkeypatch.setattr("learning.samples.samples.estimate", guessed)
     monkeypatch.setattr(module, "estimate", guessed)
 
 
@@ -79,7 +79,7 @@ def said_of(now, known, obstacle):
 
 
 def by_hand(name, truth, free, rigid, base, answer, *, target, now, before):
-    """Displacement of the free nodes at one frame, by the table in learning/data.py."""
+    """Displacement of the free nodes at one frame, by the table in learning/samples/samples.py."""
     obstacle = truth[target, rigid].mean(axis=0) if name.startswith("pose") else now[rigid].mean(axis=0)
     now, before = now[free], before[free]
     unit = np.sqrt((answer[target, free] ** 2).sum(axis=1).mean())

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from datagen.trajectory import write_trajectory
-from learning.checkpoint import Model, load_model, read_state, write_state
+from datagen.files.trajectory import write_trajectory
 from learning.config import TrainConfig
-from learning.data import build_case, describe, fit_normaliser, sample
-from learning.m4gn import M4GN, M4GNConfig
-from learning.rollout import predict_step, rollout, walk
-from learning.train import train
+from learning.networks.m4gn import M4GN, M4GNConfig
+from learning.prediction.checkpoint import Model, load_model, read_state, write_state
+from learning.prediction.rollout import predict_step, rollout, walk
+from learning.samples.samples import build_case, describe, fit_normaliser, sample
+from learning.training.train import train
 from physics.schema import InputError, read_table
 from tests.pressed import pressed
 

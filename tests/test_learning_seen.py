@@ -8,8 +8,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from learning import seen as module
-from learning.seen import FILE, Seen, description, outside, read_seen, seen, write_seen
+from learning.samples import seen as module
+from learning.samples.seen import FILE, Seen, description, outside, read_seen, seen, write_seen
 from physics.schema import InputError
 from tests.scenes import beam, pressed
 from tests.synthetic import bending

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datagen.trajectory import problems, read_trajectory, write_trajectory
-from learning.segment_file import segment_file
-from learning.segment_quality import auto_segment, segment_quality
-from learning.segments import segment
+from datagen.files.trajectory import problems, read_trajectory, write_trajectory
+from learning.segments.cut import segment
+from learning.segments.file import segment_file
+from learning.segments.quality import auto_segment, segment_quality
 from physics import view
 from physics.schema import InputError
 from tests.synthetic import bending

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datagen.trajectory import Trajectory
-from learning import segment_quality as quality
+from datagen.files.trajectory import Trajectory
 from learning.config import TrainConfig, load_config
-from learning.data import segments_of
-from learning.features import Features, features
-from learning.segments import body_graph, ends, segment
+from learning.samples.samples import segments_of
+from learning.segments import quality
+from learning.segments.cut import body_graph, ends, segment
+from learning.segments.features import Features, features
 from physics.schema import InputError, read_table, to_table
 from tests.synthetic import bending
 from tests.tiny_graph import one_cell

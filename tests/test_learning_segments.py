@@ -7,11 +7,12 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from datagen.trajectory import NORMAL, OBSTACLE, WALL, at_rest
-from learning.features import METHODS, features
-from learning.graph import mesh_edges, neighbours
-from learning.segments import body_graph, ends, segment
-from physics.mesh import build_mesh
+from datagen.files.trajectory import NORMAL, OBSTACLE, WALL, at_rest
+from learning.graphs.graph import neighbours
+from learning.segments.cut import body_graph, ends, segment
+from learning.segments.edges import mesh_edges
+from learning.segments.features import METHODS, features
+from physics.mesh.build import build_mesh
 from physics.scene import Body
 from physics.schema import InputError
 from tests.synthetic import bending

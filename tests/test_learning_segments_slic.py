@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from datagen.trajectory import OBSTACLE
-from learning import segments
-from learning.features import Features, features
-from learning.segments import body_graph, ends, segment
+from datagen.files.trajectory import OBSTACLE
+from learning.segments import cut as segments
+from learning.segments.cut import body_graph, ends, segment
+from learning.segments.features import Features, features
 from physics.schema import InputError
 from tests import plain_slic
 from tests.synthetic import bending

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from learning import surrogates as module
 from learning.config import TrainConfig
-from learning.estimate import Estimate
-from learning.predictor import Case, LeftOut
-from learning.surrogates import corrected, corrected_rollout, estimated, learned
-from physics.newton import NoEquilibrium
+from learning.prediction import surrogates as module
+from learning.prediction.predictor import Case, LeftOut
+from learning.prediction.surrogates import corrected, corrected_rollout, estimated, learned
+from learning.samples.estimate import Estimate
+from physics.equilibrium.newton import NoEquilibrium
 from tests.synthetic import bending
 
 MODEL = SimpleNamespace(config=TrainConfig())

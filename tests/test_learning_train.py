@@ -15,13 +15,13 @@ import tomli_w
 import torch
 
 import learning
-from datagen.trajectory import NORMAL, problems, read_trajectory, write_trajectory
-from learning.checkpoint import Model, load_model, read_state
+from datagen.files.trajectory import NORMAL, problems, read_trajectory, write_trajectory
 from learning.config import TrainConfig, load_config
-from learning.data import build_case, fit_normaliser, sample
-from learning.m4gn import M4GN, M4GNConfig
-from learning.rollout import predict_step, rollout
-from learning.train import train
+from learning.networks.m4gn import M4GN, M4GNConfig
+from learning.prediction.checkpoint import Model, load_model, read_state
+from learning.prediction.rollout import predict_step, rollout
+from learning.samples.samples import build_case, fit_normaliser, sample
+from learning.training.train import train
 from physics.schema import InputError, to_table
 from tests.synthetic import bending
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import torch
 
-from datagen.trajectory import write_trajectory
-from learning import train as module
-from learning.checkpoint import load_model, read_state
+from datagen.files.trajectory import write_trajectory
 from learning.config import TrainConfig
-from learning.data import all_frames, build_case, fit_normaliser, sample
-from learning.estimate import Estimate
-from learning.m4gn import M4GN, M4GNConfig
-from learning.processes import Processes
-from learning.train import _step, draw, learning_rate, progress, train
+from learning.networks.m4gn import M4GN, M4GNConfig
+from learning.prediction.checkpoint import load_model, read_state
+from learning.samples.estimate import Estimate
+from learning.samples.samples import all_frames, build_case, fit_normaliser, sample
+from learning.training import train as module
+from learning.training.processes import Processes
+from learning.training.train import _step, draw, learning_rate, progress, train
 from physics.schema import InputError
 from tests.synthetic import bending
 
@@ -321,7 +321,7 @@ def test_with_estimates_the_network_begins_by_saying_nothing(clock, files, tmp_p
         return Estimate(frames, trajectory.displacement[frames].copy(), answer)
 
     given = []
-    monkeypatch.setattr("learning.data.estimate", guessed)
+    monkeypatch.setattr("learning.samples.samples.estimate", guessed)
     monkeypatch.setattr(module, "draw", lambda cases, frames, chance, *rest: given.append(chance) or [None] * 3)
     monkeypatch.setattr(module, "_step", lambda *rest: 1.0)
     train(replace(CONFIG, estimate=wanted, scheme="pose"), files, [], tmp_path)

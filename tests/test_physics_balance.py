@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physics.balance import CONTACT_STIFFNESS, GAP_TOLERANCE, Balance, cell_size
-from physics.mesh import build_mesh
+from physics.equilibrium.balance import CONTACT_STIFFNESS, GAP_TOLERANCE, Balance, cell_size
+from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from tests.scenes import beam
 

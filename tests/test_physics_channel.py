@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from physics.mesh import build_mesh
+from physics.mesh.build import build_mesh
 from physics.scene import read_body
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from physics.columns import Columns
+from physics.linalg.columns import Columns
 
 NODES = 12
 

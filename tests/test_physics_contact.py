@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from physics.contact import ContactSurface, solve_complementarity
-from physics.mesh import Mesh, build_mesh
+from physics.body.supports import nodal_areas
+from physics.contact.conditions import ContactSurface, solve_complementarity
+from physics.mesh.build import build_mesh
+from physics.mesh.mesh import Mesh
 from physics.scene import Body
 from physics.schema import InputError
-from physics.supports import nodal_areas
 
 
 @pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from physics.contact import Contact, ContactSurface
-from physics.mesh import build_mesh
-from physics.obstacle import Rigid
+from physics.contact.conditions import Contact, ContactSurface
+from physics.contact.obstacles import Rigid
+from physics.contact.touch import Condensed, Touch
+from physics.mesh.build import build_mesh
 from physics.scene import Body, Obstacle
-from physics.touch import Condensed, Touch
 
 CENTRE = np.array([0.11, 0.07, 0.148])
 DEEP = np.array([0.11, 0.07, 0.115])

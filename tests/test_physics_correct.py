@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from physics.correct import Corrector
-from physics.equilibrium import solve
-from physics.newton import NoEquilibrium
+from physics.equilibrium.newton import NoEquilibrium
+from physics.fidelity.correct import Corrector
+from physics.solution import solve
 from tests.scenes import beam, pressed
 
 

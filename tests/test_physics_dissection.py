@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from physics import dissection
-from physics.dissection import LEAF, Panels, _cut, dissect, slots
-from physics.mesh import build_mesh
+from physics.linalg import dissection
+from physics.linalg.dissection import LEAF, Panels, _cut, dissect, slots
+from physics.mesh.build import build_mesh
 from tests.scenes import beam
 
 
@@ -27,15 +27,15 @@ def test_a_bar_of_nine_layers_is_taken_apart_as_by_hand():
     points, cells = bar([8, 2, 2])
     found = dissect(points, cells)
     assert LEAF == 20
-    starts = found.part[:, 3]
+    starts = found.part["first"]
     own = np.split(found.order, starts[1:])
     assert [layers(points, part) for part in own] == [[0, 1], [3], [2], [5, 6], [8], [7], [4]]
     assert found.parent.tolist() == [2, 2, 6, 5, 5, 6, -1]
     s, b = np.array([54, 27, 27, 54, 27, 27, 27]), np.array([27, 54, 27, 54, 27, 27, 0])
-    assert found.part[:, 0].tolist() == s.tolist() and found.part[:, 1].tolist() == b.tolist()
-    boundary = np.split(found.boundary, found.part[1:, 4])
+    assert found.part["own"].tolist() == s.tolist() and found.part["rest"].tolist() == b.tolist()
+    boundary = np.split(found.boundary, found.part["boundary"][1:])
     assert [layers(points, found.order[each]) if len(each) else [] for each in boundary] == [[2], [2, 4], [4], [4, 7], [7], [4], []]
-    assert found.numbers == (s * (s + b)).sum() == found.part[-1, 2] + 27 * 27
+    assert found.numbers == (s * (s + b)).sum() == found.part[-1]["panel"] + 27 * 27
     assert found.operations == pytest.approx((s**3 / 3 + s**2 * b + s * b**2).sum(), rel=1e-12)
     assert [found.children[part[5]:part[6]].tolist() for part in found.part] == [[], [], [0, 1], [], [], [3, 4], [2, 5]]
     # Remainders of 27^2 or 54^2 on a stack; the most, when 3 is kept over 2 and 4 is made over it: 27^2 + 54^2 + 27^2.
@@ -45,7 +45,7 @@ def test_a_bar_of_nine_layers_is_taken_apart_as_by_hand():
     where = []  # of each boundary in its part's parent: its own nodes, then its boundary's
     for t, each in enumerate(boundary[:-1]):
         parent = found.parent[t]
-        theirs = [*range(starts[parent], starts[parent] + found.part[parent, 0] // 3), *boundary[parent]]
+        theirs = [*range(starts[parent], starts[parent] + found.part[parent]["own"] // 3), *boundary[parent]]
         where += [theirs.index(node) for node in each]
     assert found.at.tolist() == where
 
@@ -143,7 +143,7 @@ def test_halves_of_a_solution_are_numpys(case, k):
 def test_columns_reach_only_the_parts_above(case):
     """Of nodes of three parts, in no order, some of their unknowns held; rows are of these parts and of those that follow them."""
     found, panels, lower, *_ = case
-    places = np.array([len(found.order) - 1, 2, int(found.part[2, 3])])
+    places = np.array([len(found.order) - 1, 2, int(found.part[2]["first"])])
     unknowns = 3 * places[:, None] + np.arange(3)
     free = np.ones((3, 3), bool)
     free[0, 1] = free[2, 2] = False
@@ -156,11 +156,11 @@ def test_columns_reach_only_the_parts_above(case):
         assert whole == pytest.approx(expected, abs=1e-9 * abs(inverse).max())
         reached = set()
         for place in places[chosen]:
-            part = next(t for t in range(len(found.part)) if found.part[t, 3] <= place < found.part[t, 3] + found.part[t, 0] // 3)
+            part = next(t for t in range(len(found.part)) if found.part[t]["first"] <= place < found.part[t]["first"] + found.part[t]["own"] // 3)
             while part >= 0:
                 reached.add(part)
                 part = found.parent[part]
-        expected = [3 * found.part[t, 3] + i for t in sorted(reached) for i in range(found.part[t, 0])]
+        expected = [3 * found.part[t]["first"] + i for t in sorted(reached) for i in range(found.part[t]["own"])]
         assert rows.tolist() == expected
 
 

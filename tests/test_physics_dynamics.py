@@ -10,16 +10,16 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 import fidelity
-from datagen.check import against_scene
-from datagen.generate import trajectory_of
-from datagen.trajectory import write_trajectory
-from physics import journal
-from physics.balance import cell_size
-from physics.dynamics import Motion
-from physics.equilibrium import solve
-from physics.mesh import build_mesh
-from physics.modes import elastic_modes
+from datagen.files.trajectory import write_trajectory
+from datagen.sets.check import against_scene
+from datagen.sets.generate import trajectory_of
+from physics.equilibrium import journal
+from physics.equilibrium.balance import cell_size
+from physics.mesh.build import build_mesh
+from physics.modes.elastic import elastic_modes
+from physics.motion.dynamics import Motion
 from physics.schema import InputError
+from physics.solution import solve
 from tests.scenes import beam, pressed
 
 BODY = {"length": 0.1, "width": 0.02, "height": 0.02, "cells": [10, 2, 2]}

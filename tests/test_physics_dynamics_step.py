@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from physics import dynamics
-from physics.dynamics import Motion, Moving
-from physics.elasticity import Elasticity
-from physics.equilibrium import HALVINGS, solve
-from physics.mesh import build_mesh
-from physics.newton import TOLERANCE, NoEquilibrium, State
+from physics.body.elasticity import Elasticity
+from physics.equilibrium.extrapolation import HALVINGS
+from physics.equilibrium.newton import TOLERANCE, NoEquilibrium, State
+from physics.mesh.build import build_mesh
+from physics.motion import dynamics
+from physics.motion.dynamics import Motion, Moving
+from physics.solution import solve
 from tests.scenes import beam
 
 BLOCK = {"length": 0.02, "width": 0.03, "height": 0.04, "cells": [1, 2, 1], "cell": "hexahedron"}

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from physics.elasticity import Elasticity
-from physics.equilibrium import solve
-from physics.material import LAWS
-from physics.mesh import build_mesh
+from physics.body.elasticity import Elasticity
+from physics.body.material import LAWS
+from physics.mesh.build import build_mesh
 from physics.scene import Body, Material
+from physics.solution import solve
 from tests.dolfinx_elasticity import DolfinxElasticity
 from tests.invariants import assert_forces_and_stiffness_are_derivatives, assert_rigid_motion_stores_nothing
 from tests.scenes import beam

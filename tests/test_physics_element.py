@@ -8,17 +8,18 @@ import pytest
 import scipy.linalg
 import scipy.sparse.linalg
 
-from physics.elasticity import Elasticity
-from physics.element import samples, shape_gradients
-from physics.equilibrium import solve
-from physics.material import LAWS
-from physics.mesh import build_mesh
-from physics.modes import elastic_modes
-from physics.quality import cell_volumes
+from physics.body.elasticity import Elasticity
+from physics.body.element import samples
+from physics.body.material import LAWS
+from physics.body.supports import traction_load
+from physics.fidelity.verify import Checker
+from physics.mesh.build import build_mesh
+from physics.mesh.cell import CELLS
+from physics.mesh.quality import cell_volumes
+from physics.modes.elastic import elastic_modes
 from physics.scene import Body, Material, read_scene
 from physics.schema import InputError
-from physics.supports import traction_load
-from physics.verify import Checker
+from physics.solution import solve
 from tests.invariants import assert_forces_and_stiffness_are_derivatives, assert_rigid_motion_stores_nothing
 from tests.scenes import beam, pressed
 from tests.test_physics_equilibrium import cooks_membrane
@@ -48,7 +49,7 @@ def test_shape_gradients_interpolate_linear_fields(cell):
     corners = {"tetrahedron": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
                "prism": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]],
                "hexahedron": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]}[cell]
-    gradients = shape_gradients(cell, np.random.default_rng(0).uniform(0, 0.3, (5, 3)))
+    gradients = CELLS[cell].shapes(np.random.default_rng(0).uniform(0, 0.3, (5, 3)))
     assert np.einsum("ai,paj->pij", corners, gradients) == pytest.approx(np.broadcast_to(np.eye(3), (5, 3, 3)), abs=1e-14)
     assert gradients.sum(axis=1) == pytest.approx(0, abs=1e-14)
 

@@ -5,8 +5,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from physics.element import CORNERS, GAUSS, MID_HEIGHT, RULES, samples, shape_gradients
-from physics.mesh import Mesh
+from physics.body.element import MID_HEIGHT, samples
+from physics.mesh.cell import CELLS, GAUSS, HEXAHEDRON
+from physics.mesh.mesh import Mesh
 from physics.schema import InputError
 
 BOX = np.array([2.0, 3.0, 5.0])  # sides of the box that the cells are cut from; it stands away from the origin
@@ -38,16 +39,16 @@ def gradients_at(cell, at, step=0.125):
 @pytest.mark.parametrize("cell", UNIT)
 def test_gradients_are_the_slopes_of_the_shape_functions(cell):
     at = np.array([(0.1, 0.2, 0.3), (0.3, 0.05, 0.6)])
-    np.testing.assert_allclose(shape_gradients(cell, at), [gradients_at(cell, point) for point in at], atol=1e-14)
-    assert CORNERS.tolist() == [list(corner) for corner in UNIT["hexahedron"]]
+    np.testing.assert_allclose(CELLS[cell].shapes(at), [gradients_at(cell, point) for point in at], atol=1e-14)
+    assert HEXAHEDRON.tolist() == [list(corner) for corner in UNIT["hexahedron"]]
     with pytest.raises(InputError, match="cell = 'triangle': must be one of tetrahedron, prism, hexahedron"):
-        shape_gradients("triangle", at)
+        CELLS["triangle"].shapes(at)
 
 
 @pytest.mark.parametrize("cell, volume, powers", [("tetrahedron", 1 / 6, 1), ("prism", 1 / 2, 2), ("hexahedron", 1, 3)])
 def test_rules_integrate_polynomials(cell, volume, powers):
     """Tetrahedron: degree 1; prism: 2 across and 3 along; hexahedron: 3 in each. Over the unit cells, by the beta function."""
-    points, weights = RULES[cell]
+    points, weights = CELLS[cell].points, CELLS[cell].weights
     assert weights.sum() == pytest.approx(volume, rel=1e-15) and np.ptp(weights) == 0
     fact = [1, 1, 2, 6, 24, 120, 720, 5040, 40320]
     for a, b, c in product(range(4), repeat=3):
@@ -70,7 +71,7 @@ def test_rules_integrate_polynomials(cell, volume, powers):
 def test_samples_of_a_straight_cell(cell, share):
     """Gradients in metres are those in the cell's coordinates over the sides; each point has its weight of the volume 30."""
     found = samples(one(cell))
-    points, weights = RULES[cell]
+    points, weights = CELLS[cell].points, CELLS[cell].weights
     np.testing.assert_allclose(found.gradients[:, 0], [gradients_at(cell, point) / BOX for point in points], atol=1e-14)
     np.testing.assert_allclose(found.volumes[:, 0], 30 * weights, rtol=1e-13)
     assert found.volumes.sum() == pytest.approx(30 * share, rel=1e-13)

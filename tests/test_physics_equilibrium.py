@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datagen.family import draw, load_family
-from physics.balance import cell_size
-from physics.equilibrium import Path, solve
-from physics.mesh import build_mesh
-from physics.newton import TOLERANCE
+from datagen.family.family import draw, load_family
+from physics.equilibrium.balance import cell_size
+from physics.equilibrium.newton import TOLERANCE
+from physics.equilibrium.path import Path
+from physics.mesh.build import build_mesh
 from physics.schema import InputError
+from physics.solution import solve
 from tests import plain_newton
 from tests.scenes import beam, pressed
 

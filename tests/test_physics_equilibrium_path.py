@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physics import equilibrium
-from physics.balance import Balance
-from physics.equilibrium import HALVINGS, Path, best_order, cells_said, contact_said, extrapolate, identity, snapped, solve
-from physics.mesh import build_mesh
-from physics.newton import NoEquilibrium, State
+from physics.equilibrium import path as equilibrium
+from physics.equilibrium.balance import Balance, cells_said, contact_said
+from physics.equilibrium.extrapolation import HALVINGS, best_order, extrapolate
+from physics.equilibrium.newton import NoEquilibrium, State
+from physics.equilibrium.path import Path
+from physics.mesh.build import build_mesh
 from physics.schema import InputError
+from physics.solution import identity, snapped, solve
 from tests.scenes import beam, pressed
 
 SMALL = {"length": 0.06, "width": 0.02, "height": 0.02, "cells": [3, 2, 2], "cell": "hexahedron"}

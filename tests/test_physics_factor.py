@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from physics.balance import Balance
-from physics.dissection import dissect
-from physics.factor import BandFactor, DissectionFactor, NotPositiveDefinite, SparseFactor, narrowest_order
-from physics.mesh import build_mesh
-from physics.mixing import Mixing
+from physics.equilibrium.balance import Balance
+from physics.equilibrium.mixing import Mixing
+from physics.linalg.dissection import dissect
+from physics.linalg.factor import BandFactor, DissectionFactor, NotPositiveDefinite, SparseFactor, narrowest_order
+from physics.mesh.build import build_mesh
 from tests.scenes import beam
 
 
@@ -66,7 +66,7 @@ def test_separators_separate():
     mesh = build_mesh(beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [12, 6, 6]}).body)
     found = dissect(mesh.points, mesh.cells.astype(np.int32))
     assert sorted(found.order) == list(range(len(mesh.points)))
-    part = np.repeat(np.arange(len(found.part)), found.part[:, 0] // 3)[found.place]
+    part = np.repeat(np.arange(len(found.part)), found.part["own"] // 3)[found.place]
     above = [{t} for t in range(len(found.part))]
     for t in reversed(range(len(found.part))):
         if found.parent[t] >= 0:

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from physics import factor
-from physics.balance import Balance
-from physics.factor import BandFactor, DissectionFactor, NotPositiveDefinite, SparseFactor, factor_for, narrowest_order, solver_for
-from physics.mesh import build_mesh
-from physics.multigrid import Multigrid
+from physics.equilibrium.balance import Balance
+from physics.linalg import factor
+from physics.linalg.factor import BandFactor, DissectionFactor, NotPositiveDefinite, SparseFactor, factor_for, narrowest_order, solver_for
+from physics.linalg.multigrid import Multigrid
+from physics.mesh.build import build_mesh
 from tests import dense
 from tests.scenes import beam
 

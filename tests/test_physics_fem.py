@@ -8,8 +8,8 @@ import pytest
 import ufl
 
 from physics import fem
-from physics.elasticity import Elasticity, small_strain_stiffness
-from physics.mesh import build_mesh
+from physics.body.elasticity import Elasticity, small_strain_stiffness
+from physics.mesh.build import build_mesh
 from physics.scene import Body, Material
 
 SOLID, PLANE = ("prism", "tetrahedron", "hexahedron"), ("triangle", "quadrilateral")

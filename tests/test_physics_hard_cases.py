@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physics import balance
-from physics.contact import ContactSurface
-from physics.equilibrium import Path, solve
-from physics.mesh import build_mesh
-from physics.obstacle import Rigid
+from physics.contact.conditions import ContactSurface
+from physics.contact.obstacles import Rigid
+from physics.equilibrium import balance
+from physics.equilibrium.path import Path
+from physics.mesh.build import build_mesh
+from physics.solution import solve
 from tests.hard_cases import CASES, SLOW, bridge, roughness
 from tests.scenes import beam, pressed
 

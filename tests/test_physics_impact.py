@@ -5,10 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from physics.contact import Contact, ContactSurface
-from physics.impact import Sweeping, bear
-from physics.mesh import Mesh, build_mesh
-from physics.obstacle import Rigid
+from physics.contact.conditions import Contact, ContactSurface
+from physics.contact.obstacles import Rigid
+from physics.mesh.build import build_mesh
+from physics.mesh.mesh import Mesh
+from physics.motion.impact import Sweeping, bear
 from physics.scene import Body, Obstacle
 
 # A tetrahedron whose nodes are its points of contact; each face has a third of its area at each of its corners.

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from physics.inertia import fair_duration, inertia, legs
+from physics.motion.inertia import fair_duration, inertia, legs
 from tests.scenes import beam, pressed
 
 THREE = {"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.04], [0.05, 0.01, 0.03], [0.05, 0.01, 0.035], [0.05, 0.01, 0.02]]}

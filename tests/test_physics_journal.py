@@ -5,8 +5,8 @@ import zlib
 import numpy as np
 import pytest
 
-from physics import journal
-from physics.journal import Journal
+from physics.equilibrium import journal
+from physics.equilibrium.journal import Journal
 from physics.schema import InputError, WorkError
 
 
@@ -216,7 +216,7 @@ def test_written_anew_it_is_still_locked_and_a_failure_leaves_the_old_one(tmp_pa
 def test_a_disk_that_is_full_is_said_with_the_file(tmp_path):
     made = Journal(tmp_path / "part", "scene")
     made.close()
-    made._file = open("/dev/full", "wb", buffering=0)  # noqa: SIM115
+    made._file = open("/dev/full", "wb", buffering=0)
     made.add(frame(0), {"m": np.array(0)})
     with pytest.raises(OSError, match="No space left") as caught:
         made.save()

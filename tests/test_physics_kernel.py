@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from physics.element import Samples
-from physics.kernel import Kernel, _packs
+from physics.body.element import Samples
+from physics.body.kernel import Kernel, _packs
 
 LAME = 3.0, 2.0
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from physics.laplacian import laplacian_modes
-from physics.mesh import Mesh, build_mesh
+from physics.mesh.build import build_mesh
+from physics.mesh.mesh import Mesh
+from physics.modes.laplacian import laplacian_modes
 from physics.scene import read_body
 from physics.schema import InputError
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physics import linear
-from physics.balance import Balance
-from physics.elasticity import Elasticity
-from physics.linear import LINEAR_TOLERANCE, Linear, choose, deepest
-from physics.mesh import build_mesh
-from physics.newton import Newton, NoEquilibrium
+from physics.body.elasticity import Elasticity
+from physics.equilibrium import small_strain as linear
+from physics.equilibrium.balance import Balance
+from physics.equilibrium.newton import Newton, NoEquilibrium
+from physics.equilibrium.small_strain import LINEAR_TOLERANCE, Linear, choose, deepest
+from physics.mesh.build import build_mesh
 from tests import dense
 from tests.scenes import beam
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from physics.element import Samples
-from physics.kernel import Kernel
-from physics.material import LAWS, lame
+from physics.body.element import Samples
+from physics.body.kernel import Kernel
+from physics.body.material import LAWS, lame
 from physics.scene import Material
 
 LAMBDA, MU = 3.0, 2.0

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from vtkmodules.vtkCommonDataModel import vtkHexahedron, vtkQuad, vtkTetra, vtkTriangle, vtkWedge
 
-from physics.mesh import (DIMENSION, EDGES, FACETS, PLURAL, VTK_TYPE, Mesh, build_mesh, closure, faces, kind_of, pieces, rows_in,
-                          unique_edges, write_mesh)
+from physics.mesh.boxes import faces
+from physics.mesh.build import build_mesh
+from physics.mesh.cell import CELLS
+from physics.mesh.files import write_mesh
+from physics.mesh.mesh import Mesh, closure, kind_of, pieces, rows_in, unique_edges
 from physics.scene import Body, read_body
 from physics.schema import InputError
 
@@ -36,23 +39,23 @@ def rectangle(cell):
 @pytest.mark.parametrize("cell", VTK)
 def test_edges_and_facets_are_those_of_vtk_and_facets_look_outward(cell):
     theirs = VTK[cell]()
-    assert VTK_TYPE[cell] == theirs.GetCellType() and DIMENSION[cell] == theirs.GetCellDimension()
+    assert CELLS[cell].vtk == theirs.GetCellType() and CELLS[cell].dimension == theirs.GetCellDimension()
 
     def ends(part):
         return frozenset(part.GetPointId(i) for i in range(part.GetNumberOfPoints()))
 
     for i in range(theirs.GetNumberOfPoints()):
         theirs.GetPointIds().SetId(i, i)
-    assert sorted(map(sorted, EDGES[cell])) == sorted(sorted(ends(theirs.GetEdge(i))) for i in range(theirs.GetNumberOfEdges()))
+    assert sorted(map(sorted, CELLS[cell].edges)) == sorted(sorted(ends(theirs.GetEdge(i))) for i in range(theirs.GetNumberOfEdges()))
     points = np.array(CORNERS[cell], float)
-    if DIMENSION[cell] == 2:
-        assert FACETS[cell] == EDGES[cell]
-        for i, j in FACETS[cell]:  # the normal of an edge (dx, dy) run through counter-clockwise is (dy, -dx)
+    if CELLS[cell].dimension == 2:
+        assert CELLS[cell].facets == CELLS[cell].edges
+        for i, j in CELLS[cell].facets:  # the normal of an edge (dx, dy) run through counter-clockwise is (dy, -dx)
             dx, dy, _ = points[j] - points[i]
             assert (points[i] - points.mean(axis=0)) @ (dy, -dx, 0) > 0
         return
-    assert sorted(map(sorted, FACETS[cell])) == sorted(sorted(ends(theirs.GetFace(i))) for i in range(theirs.GetNumberOfFaces()))
-    for facet in FACETS[cell]:
+    assert sorted(map(sorted, CELLS[cell].facets)) == sorted(sorted(ends(theirs.GetFace(i))) for i in range(theirs.GetNumberOfFaces()))
+    for facet in CELLS[cell].facets:
         around = points[list(facet)]
         for k in range(len(facet)):  # at every corner, so the corners go round and do not cross
             side, before = around[(k + 1) % len(facet)] - around[k], around[k - 1] - around[k]
@@ -60,7 +63,7 @@ def test_edges_and_facets_are_those_of_vtk_and_facets_look_outward(cell):
 
 
 def test_other_numbers_of_the_kinds():
-    assert DIMENSION["vertex"] == 0 and DIMENSION["line"] == 1
+    assert CELLS["vertex"].dimension == 0 and CELLS["line"].dimension == 1
     assert PLURAL == {"triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra",
                       "hexahedron": "hexahedra", "prism": "prisms"}
     assert [kind_of(np.zeros((1, n), int)) for n in (2, 3, 4)] == ["line", "triangle", "quadrilateral"]
@@ -120,7 +123,7 @@ def test_three_tetrahedra_of_each_prism_meet_those_beside_it():
     """Facets inside are shared by two; what is left outside covers the box: two triangles for each square of its sides."""
     for shape in ("beam", "plate"):
         mesh = box("tetrahedron", shape)
-        count = Counter(tuple(sorted(cell[k] for k in facet)) for cell in mesh.cells.tolist() for facet in FACETS["tetrahedron"])
+        count = Counter(tuple(sorted(cell[k] for k in facet)) for cell in mesh.cells.tolist() for facet in CELLS["tetrahedron"].facets)
         assert set(count.values()) == {1, 2}
         assert sum(n == 1 for n in count.values()) == 2 * 2 * (3 * 2 + 2 * 4 + 4 * 3)
 
@@ -162,7 +165,7 @@ def test_a_node_is_on_a_side_up_to_a_billionth_of_the_largest_side():
 def test_the_boundary_is_what_one_cell_alone_has_as_that_cell_lists_it(cell):
     mesh = box(cell)
     for found, n in zip(mesh.boundary, {"prism": (3, 4), "tetrahedron": (3,), "hexahedron": (4,)}[cell], strict=True):
-        all_of_them = [tuple(row[k] for k in facet) for facet in FACETS[cell] if len(facet) == n for row in mesh.cells.tolist()]
+        all_of_them = [tuple(row[k] for k in facet) for facet in CELLS[cell].facets if len(facet) == n for row in mesh.cells.tolist()]
         count = Counter(tuple(sorted(facet)) for facet in all_of_them)
         assert found.tolist() == [list(facet) for facet in all_of_them if count[tuple(sorted(facet))] == 1]
     # By the divergence theorem the outward surface holds the volume: 1/3 of the sum of x . n A, A n the facet's area.
@@ -176,7 +179,7 @@ def test_the_boundary_is_what_one_cell_alone_has_as_that_cell_lists_it(cell):
 
 def test_edges_are_each_once_the_smaller_node_first():
     for mesh in (box("tetrahedron"), rectangle("quadrilateral")):
-        expected = sorted({tuple(sorted((row[i], row[j]))) for row in mesh.cells.tolist() for i, j in EDGES[mesh.cell]})
+        expected = sorted({tuple(sorted((row[i], row[j]))) for row in mesh.cells.tolist() for i, j in CELLS[mesh.cell].edges})
         assert mesh.edges.tolist() == [list(pair) for pair in expected]
     assert unique_edges(np.array([[7, 4, 5]]), "triangle").tolist() == [[4, 5], [4, 7], [5, 7]]
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import fidelity
-from physics.laplacian import laplacian_modes
-from physics.mesh import build_mesh
-from physics.meshfile import read_mesh
-from physics.modes import elastic_modes
+from physics.mesh.build import build_mesh
+from physics.mesh.files import read_mesh
+from physics.modes.elastic import elastic_modes
+from physics.modes.laplacian import laplacian_modes
 from physics.scene import load_scene, read_body, read_scene
 from physics.schema import InputError
 

@@ -4,8 +4,8 @@ import meshio
 import numpy as np
 import pytest
 
-from physics import meshfile
-from physics.meshfile import read_mesh
+from physics.mesh import files as meshfile
+from physics.mesh.files import read_mesh
 from physics.schema import InputError
 
 CUBE = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], float)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from physics.mixing import Mixing
+from physics.equilibrium.mixing import Mixing
 
 
 def literal(equilibria):

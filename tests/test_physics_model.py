@@ -6,12 +6,13 @@ import re
 import numpy as np
 import pytest
 
-from datagen.check import against_scene
-from datagen.generate import trajectory_of
-from physics import journal, linear
-from physics.equilibrium import solve
-from physics.inertia import FAIR, fair_duration, inertia
-from physics.linear import LINEAR_TOLERANCE
+from datagen.sets.check import against_scene
+from datagen.sets.generate import trajectory_of
+from physics.equilibrium import journal
+from physics.equilibrium import small_strain as linear
+from physics.equilibrium.small_strain import LINEAR_TOLERANCE
+from physics.motion.inertia import FAIR, fair_duration, inertia
+from physics.solution import solve
 from tests.scenes import beam, pressed
 
 

@@ -7,9 +7,10 @@ import meshio
 import numpy as np
 import pytest
 
-from physics.elasticity import Elasticity
-from physics.mesh import Mesh, build_mesh
-from physics.modes import amplitudes, elastic_modes, euler_bernoulli_hz
+from physics.body.elasticity import Elasticity
+from physics.mesh.build import build_mesh
+from physics.mesh.mesh import Mesh
+from physics.modes.elastic import amplitudes, elastic_modes, euler_bernoulli_hz
 from physics.scene import read_scene
 from physics.schema import InputError
 from tests.scenes import beam

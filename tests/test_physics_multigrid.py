@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datagen.trajectory import read_trajectory
-from physics import factor
-from physics.balance import Balance, cell_size
-from physics.equilibrium import solve
-from physics.factor import factor_for, solver_for
-from physics.mesh import build_mesh
-from physics.multigrid import Multigrid, NotSolved
-from physics.newton import TOLERANCE
+from datagen.files.trajectory import read_trajectory
+from physics.equilibrium.balance import Balance, cell_size
+from physics.equilibrium.newton import TOLERANCE
+from physics.linalg import factor
+from physics.linalg.factor import factor_for, solver_for
+from physics.linalg.multigrid import Multigrid, NotSolved
+from physics.mesh.build import build_mesh
+from physics.solution import solve
 from tests.scenes import beam, pressed
 
 ROOT = Path(__file__).parent.parent

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from physics import multigrid
-from physics.balance import Balance
-from physics.mesh import build_mesh
-from physics.multigrid import Felt, Multigrid, NotSolved
+from physics.equilibrium.balance import Balance
+from physics.linalg import multigrid
+from physics.linalg.multigrid import Felt, Multigrid, NotSolved
+from physics.mesh.build import build_mesh
 from tests import dense
 from tests.scenes import beam
 

@@ -5,8 +5,9 @@ import ctypes
 import numpy as np
 import pytest
 
-from physics import fem, native
-from physics.native import compiled, pointer
+from physics import fem
+from physics.linalg import native
+from physics.linalg.native import compiled, pointer
 
 SOURCE = 'extern "C" double twice(const double *x, int n) { double s = 0; for (int i = 0; i < n; ++i) s += 2 * x[i]; return s; }'
 

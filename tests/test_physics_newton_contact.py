@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from physics import multigrid
-from physics.balance import Balance
-from physics.factor import solver_for
-from physics.mesh import build_mesh
-from physics.multigrid import Multigrid
-from physics.newton import Newton, State
-from physics.touch import Touch
+from physics.contact.touch import Touch
+from physics.equilibrium.balance import Balance
+from physics.equilibrium.newton import Newton, State
+from physics.linalg import multigrid
+from physics.linalg.factor import solver_for
+from physics.linalg.multigrid import Multigrid
+from physics.mesh.build import build_mesh
 from tests import dense
 from tests.scenes import beam
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from physics.balance import Balance
-from physics.mesh import build_mesh
-from physics.newton import Newton, NoEquilibrium, State
+from physics.equilibrium.balance import Balance
+from physics.equilibrium.newton import Newton, NoEquilibrium, State
+from physics.mesh.build import build_mesh
 from tests import dense
 from tests.scenes import beam
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from physics import obstacle
-from physics.obstacle import Rigid
+from physics.contact import obstacles as obstacle
+from physics.contact.obstacles import Rigid
 from physics.scene import Obstacle
 
 ROOT = (0.1, 0.2, 0.3)

@@ -8,8 +8,10 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkFiltersVerdict import vtkCellQuality
 
-from physics import quality
-from physics.mesh import VTK_TYPE, Mesh, build_mesh
+from physics.mesh import quality
+from physics.mesh.build import build_mesh
+from physics.mesh.cell import CELLS
+from physics.mesh.mesh import Mesh
 from physics.scene import Body
 from physics.schema import InputError
 
@@ -33,7 +35,7 @@ def by_vtk(points: np.ndarray, cells: np.ndarray, cell: str, measure: str) -> np
     array.SetData(numpy_to_vtkIdTypeArray(np.arange(len(cells) + 1) * cells.shape[1], deep=True),
                   numpy_to_vtkIdTypeArray(cells.ravel(), deep=True))
     grid.SetPoints(nodes)
-    grid.SetCells(VTK_TYPE[cell], array)
+    grid.SetCells(CELLS[cell].vtk, array)
     judge = vtkCellQuality()
     judge.SetInputData(grid)
     getattr(judge, f"SetQualityMeasureTo{measure}")()

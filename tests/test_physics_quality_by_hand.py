@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from physics import quality
-from physics.mesh import build_mesh
+from physics.mesh import quality
+from physics.mesh.build import build_mesh
 from physics.scene import Body
 from physics.schema import InputError
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from physics.balance import Balance
-from physics.equilibrium import solve
+from physics.equilibrium.balance import Balance
 from physics.scene import read_scene
+from physics.solution import solve
 from tests import plain_newton
 
 

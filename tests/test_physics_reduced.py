@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from physics import reduced
-from physics.equilibrium import solve
-from physics.reduced import Reduced
-from physics.verify import Checker
+from physics.fidelity.verify import Checker
+from physics.reduced import model as reduced
+from physics.reduced.model import Reduced
+from physics.solution import solve
 from tests.scenes import beam, pressed
 
 LINEAR = {"young_modulus": 1e6, "poisson_ratio": 0.4, "law": "linear"}

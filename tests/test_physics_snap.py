@@ -8,12 +8,12 @@ import pytest
 import scipy.optimize
 import scipy.sparse
 
-from physics import snap
-from physics.balance import Balance
-from physics.equilibrium import Path
-from physics.mesh import build_mesh
-from physics.newton import NoEquilibrium, State
-from physics.snap import Immersed, Relaxation
+from physics.equilibrium import snap
+from physics.equilibrium.balance import Balance
+from physics.equilibrium.newton import NoEquilibrium, State
+from physics.equilibrium.path import Path
+from physics.equilibrium.snap import Immersed, Relaxation
+from physics.mesh.build import build_mesh
 from tests.scenes import arch, beam
 
 BLOCK = {"length": 0.02, "width": 0.03, "height": 0.04, "cells": [1, 2, 1], "cell": "hexahedron"}

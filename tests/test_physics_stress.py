@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from physics.elasticity import Elasticity
-from physics.material import LAWS, lame
-from physics.mesh import build_mesh
-from physics.quality import cell_volumes
+from physics.body.elasticity import Elasticity
+from physics.body.material import LAWS, lame
+from physics.body.stress import deformation, first_piola, von_mises
+from physics.mesh.build import build_mesh
+from physics.mesh.quality import cell_volumes
 from physics.scene import Body, Material
-from physics.stress import deformation, first_piola, von_mises
 
 CELLS = ("prism", "tetrahedron", "hexahedron")
 

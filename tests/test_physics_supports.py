@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physics.mesh import Mesh, build_mesh
+from physics.body.supports import held, nodal_areas, prescribed, rigid_motions_left, traction_load
+from physics.mesh.build import build_mesh
+from physics.mesh.mesh import Mesh
 from physics.scene import Body, Load, Support
 from physics.schema import InputError
-from physics.supports import held, nodal_areas, prescribed, rigid_motions_left, traction_load
 from tests.scenes import beam
 
 BOX = {"length": 0.3, "width": 0.2, "height": 0.1, "cells": [3, 2, 1]}

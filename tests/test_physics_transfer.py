@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from physics.mesh import Mesh, build_mesh
+from physics.mesh.build import build_mesh
+from physics.mesh.cell import CELLS
+from physics.mesh.mesh import Mesh
+from physics.mesh.transfer import interpolate
 from physics.scene import Body
-from physics.transfer import interpolate, shapes
 
 
 def beam(cell: str, cells: tuple[int, int, int]) -> Mesh:
@@ -45,17 +47,17 @@ CORNERS = {"tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
 @pytest.mark.parametrize("cell", CORNERS)
 def test_shape_functions_are_one_at_their_own_corner_and_their_gradients_are_their_slopes(cell):
     corners = np.array(CORNERS[cell], float)
-    np.testing.assert_allclose(shapes(cell, corners)[0], np.eye(len(corners)), atol=1e-15)
+    np.testing.assert_allclose(CELLS[cell].shapes(corners)[0], np.eye(len(corners)), atol=1e-15)
     r, s, t = at = np.array([0.2, 0.3, 0.4])
     expected = {"tetrahedron": [1 - r - s - t, r, s, t],
                 "prism": [(1 - r - s) * (1 - t), r * (1 - t), s * (1 - t), (1 - r - s) * t, r * t, s * t],
                 "hexahedron": [(r if x else 1 - r) * (s if y else 1 - s) * (t if z else 1 - t) for x, y, z in CORNERS[cell]]}[cell]
-    values, gradients = shapes(cell, at)
+    values, gradients = CELLS[cell].shapes(at)
     np.testing.assert_allclose(values, expected, rtol=1e-14)
     for k in range(3):  # at most linear in each coordinate, so a difference over any distance is the slope
         step = 0.1 * np.eye(3)[k]
-        np.testing.assert_allclose(gradients[:, k], (shapes(cell, at + step)[0] - shapes(cell, at - step)[0]) / 0.2, atol=1e-14)
-    values, gradients = shapes(cell, np.broadcast_to(at, (2, 5, 3)))
+        np.testing.assert_allclose(gradients[:, k], (CELLS[cell].shapes(at + step)[0] - CELLS[cell].shapes(at - step)[0]) / 0.2, atol=1e-14)
+    values, gradients = CELLS[cell].shapes(np.broadcast_to(at, (2, 5, 3)))
     assert values.shape == (2, 5, len(corners)) and gradients.shape == (2, 5, len(corners), 3)
 
 
@@ -64,7 +66,7 @@ def test_places_in_a_distorted_cell_are_found(cell):
     """Any place in the cell's coordinates goes to a point and from there to the same mean of the nodes' displacements."""
     rng = np.random.default_rng(4)
     corners = np.array(CORNERS[cell]) + rng.uniform(-0.15, 0.15, (len(CORNERS[cell]), 3))
-    weights = shapes(cell, rng.uniform(0, 0.33, (40, 3)))[0]
+    weights = CELLS[cell].shapes(rng.uniform(0, 0.33, (40, 3)))[0]
     points = (weights @ corners) * [0.01, 1.0, 3.0] + [5, -2, 0]  # a flat cell far from the origin
     displacement = rng.normal(size=(2, len(corners), 3))
     mesh = Mesh(corners * [0.01, 1.0, 3.0] + [5, -2, 0], np.arange(len(corners))[None], cell, {})

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physics.equilibrium import solve
-from physics.newton import TOLERANCE
-from physics.verify import Checker, verify
+from physics.equilibrium.newton import TOLERANCE
+from physics.fidelity.verify import Checker, verify
+from physics.solution import solve
 from tests.scenes import pressed
 
 

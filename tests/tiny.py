@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from datagen import dataset
-from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, write_trajectory
+from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, write_trajectory
+from datagen.sets import dataset
 
 UNIT = 2.0**-10  # [m] of displacements below: their multiples are exact in single precision
 

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
 
 REST = np.array([[3.0, -2.0, 5.0], [3.5, -1.875, 5.125], [3.125, -1.25, 5.25], [3.25, -1.75, 6.0], [4.0, -1.125, 5.875],  # the body
                  [4.5, -1.375, 6.25], [5.0, -1.0, 6.125], [4.625, -0.75, 6.75], [4.25, -1.125, 7.0]])

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from datagen.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
-from physics.mesh import build_mesh
+from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+from physics.mesh.build import build_mesh
 from physics.scene import Scene, read_scene
 
 COUNT = 12
