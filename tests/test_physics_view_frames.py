@@ -40,7 +40,7 @@ def path():
     return moved
 
 
-def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, drawn, titles):
+def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, drawn, titles, monkeypatch):
     truth, moved = 0.5 * path(), path()
     points = np.arange((STEPS + 1) * 9.0).reshape(-1, 3, 3)
     rigid = view.Obstacle(points, np.array([[0, 1, 2]]))
@@ -57,6 +57,7 @@ def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, d
     film.seek(2)
     assert film.info["duration"] == 1000
     drawn.clear(), titles.clear()
+    monkeypatch.setattr(view, "WIDTH", 300)
     assert view.film(tmp_path / "both.gif", MESH, moved, truth=truth, frames=99, seconds=0.01) == 8  # never more than there are
     assert len(drawn) == 16
     for k, (left, right) in enumerate(zip(drawn[::2], drawn[1::2], strict=True)):
@@ -64,10 +65,10 @@ def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, d
         assert np.array_equal(left["outline"], truth[k]) and right["outline"] is None and left["obstacle"] is None
         assert left["colour"][0] == pytest.approx(1.5 * k) and left["colour"][-1] == pytest.approx(3 * k) and not right["colour"].any()
         assert left["limits"] == right["limits"] == pytest.approx((0, 21)) and left["cmap"] == right["cmap"] == "YlOrRd"
-        assert left["size"][0] == 600
+        assert left["size"][0] == 150
     assert titles[3] == "step 3 of 7:  largest error 9 mm"
     assert Image.open(tmp_path / "both.gif").info["duration"] == 20  # browsers show shorter ones slower
-    assert Image.open(tmp_path / "both.gif").width == 1200
+    assert Image.open(tmp_path / "both.gif").width == 300
 
 
 def test_a_frame_says_its_error_and_shows_prediction_over_truth(tmp_path, drawn, titles):
