@@ -95,7 +95,7 @@ def test_pairs_are_those_of_matrices_put_together_by_loops(kind):
 
 
 def test_a_plane_body_without_a_thickness_is_one_metre_thick():
-    table, support, *_ = body("strain")
+    table, *_ = body("strain")
     del table["thickness"]
     thick = elastic_modes(read_scene({"body": table, "material": MATERIAL, "support": []}), count=4)
     assert thick.free_mass == pytest.approx([RHO * 0.5 * 0.2] * 2 + [0])

@@ -57,7 +57,7 @@ def test_contact_takes_from_each_touching_node_what_it_can_by_pushing(strain, fr
 
 
 def test_the_largest_penetration_may_be_that_of_any_step():
-    """The plane goes in along its normal and, in the second path, out again: at its deepest in the last of 4 steps, or in the first of 2."""
+    """The plane goes in along its normal and, in the second path, out: at its deepest in the last of 4 steps, or in the first of 2."""
     free = np.ones(8, bool)
     for path, steps, expected in (([-0.005, 0.002], 4, 2e-3), ([-0.005, 0.003, -0.008], 2, 3e-3), ([-0.005, -0.001], 3, 0.0),
                                   ([-0.005, -0.004, -0.003, 0.006, -0.004], 4, 6e-3)):

@@ -56,7 +56,8 @@ def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, d
     assert film.n_frames == 3 and film.info["duration"] == 200 and film.info["loop"] == 0
     film.seek(2)
     assert film.info["duration"] == 1000
-    drawn.clear(), titles.clear()
+    drawn.clear()
+    titles.clear()
     monkeypatch.setattr(view, "WIDTH", 300)
     assert view.film(tmp_path / "both.gif", MESH, moved, truth=truth, frames=99, seconds=0.01) == 8  # never more than there are
     assert len(drawn) == 16
@@ -132,7 +133,8 @@ def test_the_camera_holds_body_and_near_obstacle():
     assert camera.centre == pytest.approx([3, 2.5, 3.5]) and (camera.half_width, camera.half_height) == pytest.approx((2.12, 0.53))
     assert np.array_equal(camera.eye, front)
     # Half the extent, 2, around the box: a point 1.9 above is seen, one 2.1 above, or to any side, is not.
-    for away, top in (([3, 2, 5.9], 5.9), ([3, 2, 6.1], 4.0), ([7.1, 2, 5], 4.0), ([-1.1, 2, 5], 4.0), ([3, 5.1, 5], 4.0), ([3, 2, 0.9], 4.0)):
+    for away, top in (
+            ([3, 2, 5.9], 5.9), ([3, 2, 6.1], 4.0), ([7.1, 2, 5], 4.0), ([-1.1, 2, 5], 4.0), ([3, 5.1, 5], 4.0), ([3, 2, 0.9], 4.0)):
         camera = view._fit([box], view.Obstacle(np.array([away]), np.zeros((0, 3), int)), front)
         assert camera.half_height == pytest.approx(1.06 * (top - 3) / 2) and camera.centre[2] == pytest.approx((top + 3) / 2)
     camera = view._Camera(np.zeros(3), 2.0, 1.0, front)
@@ -151,7 +153,8 @@ def test_the_camera_holds_body_and_near_obstacle():
 
 
 def test_polygons_are_listed_with_their_number_of_nodes():
-    assert view._faces([np.array([[4, 5, 6]]), np.array([[0, 1, 2, 3], [7, 8, 9, 1]])]).tolist() == [3, 4, 5, 6, 4, 0, 1, 2, 3, 4, 7, 8, 9, 1]
+    assert view._faces([np.array([[4, 5, 6]]), np.array([[0, 1, 2, 3], [7, 8, 9, 1]])]).tolist() == [
+        3, 4, 5, 6, 4, 0, 1, 2, 3, 4, 7, 8, 9, 1]
     rigid = view.Obstacle(np.arange(18.0).reshape(2, 3, 3), np.array([[0, 1, 2]]))
     assert np.array_equal(rigid.at(1).points, rigid.points[1]) and np.array_equal(rigid.at(1).triangles, rigid.triangles)
     assert rigid.at(1).at(0) is not rigid and np.array_equal(rigid.at(1).at(5).points, rigid.points[1])
