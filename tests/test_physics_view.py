@@ -1,7 +1,6 @@
 """Pictures drawn without a display: what must be seen on them is looked for in their pixels."""
 
 import numpy as np
-import pytest
 from PIL import Image
 
 from physics import view
@@ -60,15 +59,12 @@ def test_each_segment_has_one_colour_and_the_larger_one_more_of_the_picture(tmp_
     assert 2.4 < first.sum() / second.sum() < 4.4  # 7.5 of 10 layers belong to one, its facets at the cut to either; the end shows
 
 
-@pytest.mark.parametrize("beside", [False, True])
-def test_a_film_has_its_pictures_and_time(tmp_path, beside):
-    count = view.film(tmp_path / "film.gif", MESH, bent(), truth=1.1 * bent() if beside else None, frames=4, seconds=0.4)
+def test_a_film_moves(tmp_path):
+    count = view.film(tmp_path / "film.gif", MESH, bent(), truth=1.1 * bent(), frames=2, seconds=0.4)
     film = Image.open(tmp_path / "film.gif")
-    assert count == film.n_frames == 4
-    assert film.width == 1200
+    assert count == film.n_frames == 2 and film.width == 1200
     first = np.asarray(film.convert("RGB"))
-    film.seek(3)
-    assert film.info["duration"] == 1000
+    film.seek(1)
     assert (np.asarray(film.convert("RGB")) != first).any()
 
 

@@ -28,8 +28,8 @@ def deformation(mesh: Mesh, displacement: ArrayLike) -> Floats:
     """(C, 3, 3) deformation gradient F at the cells' centres for displacements (N, 3) [m]."""
     gradients = centre_gradients(mesh.cell)  # (n, 3)
     rest = np.einsum("cni,nk->cik", mesh.points[mesh.cells], gradients)
-    now = np.einsum("cni,nk->cik", (mesh.points + np.asarray(displacement, np.float64))[mesh.cells], gradients)
-    return now @ np.linalg.inv(rest)
+    moved = np.einsum("cni,nk->cik", np.asarray(displacement, np.float64)[mesh.cells], gradients)
+    return np.eye(3) + moved @ np.linalg.inv(rest)  # not by the positions, whose rounding would be stress in a body at rest
 
 
 def first_piola(F: Floats, material: Material) -> Floats:

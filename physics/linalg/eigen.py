@@ -43,6 +43,7 @@ Inverse = tuple[PETSc.Mat, SLEPc.EPS]  # K - s M, and the solver that has its fa
 class Problem:
     """One eigenproblem; K and M may be spread over processes.
 
+    stiffness, mass: of the same sparsity
     free: (n_local,) True on this process's degrees of freedom that are not held
     zeros: how many eigenvalues are expected to be zero
     scale: the order of magnitude of the lowest eigenvalue above zero
@@ -115,6 +116,11 @@ def _direct(problem: Problem, count: int, unknowns: int) -> Pairs:
             if shift or attempt == 2:
                 raise RuntimeError(f"the stiffness of this mesh cannot be factored at a shift of {shift:.3g}") from None
             shift = -problem.scale / 10  # K is singular: a mechanism that the count of rigid motions does not see
+            continue
+        if not shift and inverse[1].getST().getKSP().getPC().getFactorMatrix().getMumpsInfog(28):  # null pivots: singular too, and
+            for used in reversed(inverse):  # MUMPS goes on to a wrong inverse
+                used.destroy()
+            shift = -problem.scale / 10
             continue
         is_zero, reference = _zeros(values, noise, shift or problem.scale, bool(shift))
         if is_zero.any() and not shift:

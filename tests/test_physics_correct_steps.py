@@ -1,0 +1,86 @@
+"""A correction's steps are Newton's, literally: dense stiffness, out-of-balance force, a solve by numpy."""
+
+import time
+
+import numpy as np
+import pytest
+
+from physics.correct import Corrector
+from physics.mesh import build_mesh
+from tests.scenes import beam
+
+SMALL = {"length": 0.06, "width": 0.02, "height": 0.015, "cells": [3, 1, 1], "cell": "hexahedron"}
+HELD = [{"where": "x-min"}, {"where": "x-max y-min", "fixed": "z", "displacement": [0, 0, -0.003]}]
+LOAD = [{"where": "x-max", "traction": [40.0, 90.0, -60.0]}]
+
+
+def newton(balance, u, fraction, at=None):
+    """u + K^-1 (s b - f(u)) on the free components, K that of u or of another place; held ones are at s times their target."""
+    u = np.where(balance.fixed, fraction * balance.target, u)
+    matrix = balance.elasticity.stiffness(u if at is None else at)
+    dense = matrix[:, :]
+    free = np.flatnonzero(~balance.fixed.ravel())
+    dofs = balance.elasticity.space.dofs.ravel()[free]
+    force = (fraction * balance.load - balance.elasticity.force(u)).ravel()[free]
+    step = np.zeros(u.size)
+    step[free] = np.linalg.solve(dense[np.ix_(dofs, dofs)], force)
+    return u + step.reshape(u.shape)
+
+
+def test_each_step_is_newtons_and_held_components_are_put_on_their_share_of_the_prescription():
+    scene = beam(body=SMALL, support=HELD, load=LOAD)
+    mesh = build_mesh(scene.body)
+    guess = 2e-4 * np.random.default_rng(0).normal(size=mesh.points.shape)
+    for count in (1, 2):
+        corrector = Corrector(scene, mesh, count=count)
+        found = corrector(guess, 0.4)
+        expected = guess
+        for _ in range(count):  # a single step has the stiffness of the guess, more of them that of the last state, here of rest
+            expected = newton(corrector.balance, expected, 0.4, at=None if count == 1 else np.zeros_like(guess))
+        np.testing.assert_allclose(found, expected, atol=1e-11)
+        assert corrector.iterations == count and corrector.factorisations == 1
+        assert found[mesh.place("x-max y-min"), 2] == pytest.approx(-0.0012, abs=1e-15) and not found[mesh.places["x-min"]].any()
+
+
+def test_until_the_solvers_tolerance_by_default_one_step_and_all_of_them_are_counted():
+    scene = beam(body=SMALL, support=HELD, load=LOAD)
+    mesh = build_mesh(scene.body)
+    whole = Corrector(scene, mesh, count=None)
+    solution = whole(np.zeros_like(mesh.points), 1.0)
+    for _ in range(8):  # literal Newton steps end where it ends
+        literal = newton(whole.balance, solution, 1.0)
+    np.testing.assert_allclose(solution, literal, atol=1e-7)  # residuals below 1e-6 of the reaction, of a motion of 3e-3
+    first = whole.iterations
+    assert first >= 3
+    whole(solution, 1.0)
+    assert first < whole.iterations <= first + 2
+    once = Corrector(scene, mesh)
+    assert once.count == 1 and once.iterations == 0
+    once(np.zeros_like(mesh.points), 0.5)
+    once(np.zeros_like(mesh.points), 1.0)
+    assert once.iterations == 2
+
+
+def test_before_anything_touches_rest_is_the_answer_whatever_the_guess_and_later_it_must_be_found():
+    """The plane comes down on the box for half of the path, and goes up again."""
+    start, low = [0.0, 0.0, 0.0152], [0.0, 0.0, 0.0147]
+    obstacle = {"shape": "half-space", "normal": [0, 0, -1], "path": [start, low, start]}
+    scene = beam(body=SMALL, support=[{"where": "z-min"}], obstacle=obstacle)
+    mesh = build_mesh(scene.body)
+    rng = np.random.default_rng(0)
+    guess = 1e-4 * rng.normal(size=mesh.points.shape)
+    corrector = Corrector(scene, mesh, count=1)
+    assert not corrector(guess, 0.1).any() and corrector.iterations == 0
+    pressed = corrector(np.zeros_like(mesh.points), 0.5)
+    assert pressed[mesh.places["z-max"], 2] == pytest.approx(-0.0003, rel=0.02)  # as far as the plane; contact gives a little
+    assert corrector.iterations == 1
+    after = corrector(guess, 1.0)
+    assert after.any() and abs(after).max() < 0.3 * abs(guess).max() and corrector.iterations == 2
+
+
+def test_set_up_is_the_time_that_it_took():
+    scene = beam(body=SMALL)
+    mesh = build_mesh(scene.body)
+    before = time.perf_counter()
+    corrector = Corrector(scene, mesh)
+    assert 0 < corrector.set_up <= time.perf_counter() - before

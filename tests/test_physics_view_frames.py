@@ -1,0 +1,200 @@
+"""What is drawn, and which frames: the drawing itself replaced by a record of what it was asked for; and the camera's geometry."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from physics import view
+from physics.mesh import build_mesh
+from physics.scene import Body
+
+MESH = build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=(2, 1, 1)))
+STEPS = 7
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Calls of `_draw`, each of which gives a plain grey picture a shade lighter than the one before."""
+    calls = []
+
+    def draw(mesh, displacement, colour, limits, cmap, camera, size, *, obstacle=None, outline=None):
+        calls.append({"displacement": displacement, "colour": colour, "limits": limits, "cmap": cmap, "camera": camera, "size": size,
+                      "obstacle": obstacle, "outline": outline})
+        return np.full((size[1], size[0], 3), 10 * len(calls) % 250, np.uint8)
+
+    monkeypatch.setattr(view, "_draw", draw)
+    return calls
+
+
+@pytest.fixture
+def titles(monkeypatch):
+    said, show = [], view._Page.show
+    monkeypatch.setattr(view._Page, "show", lambda self, panels, title: (said.append(title), show(self, panels, title))[1])
+    return said
+
+
+def path():
+    """(T, N, 3) all nodes go t (1, 2, 2) mm, the last one twice as far: 3 t and 6 t mm."""
+    moved = np.ones((STEPS + 1, len(MESH.points), 1)) * np.arange(STEPS + 1)[:, None, None] * [1e-3, 2e-3, 2e-3]
+    moved[:, -1] *= 2
+    return moved
+
+
+def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, drawn, titles, monkeypatch):
+    truth, moved = 0.5 * path(), path()
+    points = np.arange((STEPS + 1) * 9.0).reshape(-1, 3, 3)
+    rigid = view.Obstacle(points, np.array([[0, 1, 2]]))
+    assert view.film(tmp_path / "deep" / "film.gif", MESH, moved, obstacle=rigid, frames=3, seconds=0.6) == 3
+    # 0, 3.5 and 7 of 7 steps, the half to the even number
+    for call, k in zip(drawn, (0, 4, 7), strict=True):
+        assert np.array_equal(call["displacement"], moved[k]) and call["outline"] is None
+        assert call["colour"] == pytest.approx([*(len(MESH.points) - 1) * [3 * k], 6 * k])  # [mm]
+        assert call["limits"] == pytest.approx((0, 42)) and call["cmap"] == "viridis"
+        assert np.array_equal(call["obstacle"].points, points[k]) and call["size"][0] == 1200
+    assert titles == [f"step {k} of 7:  largest displacement {6 * k} mm" for k in (0, 4, 7)]
+    film = Image.open(tmp_path / "deep" / "film.gif")
+    assert film.n_frames == 3 and film.info["duration"] == 200 and film.info["loop"] == 0
+    film.seek(2)
+    assert film.info["duration"] == 1000
+    drawn.clear()
+    titles.clear()
+    monkeypatch.setattr(view, "WIDTH", 300)
+    assert view.film(tmp_path / "both.gif", MESH, moved, truth=truth, frames=99, seconds=0.01) == 8  # never more than there are
+    assert len(drawn) == 16
+    for k, (left, right) in enumerate(zip(drawn[::2], drawn[1::2], strict=True)):
+        assert np.array_equal(left["displacement"], moved[k]) and np.array_equal(right["displacement"], truth[k])
+        assert np.array_equal(left["outline"], truth[k]) and right["outline"] is None and left["obstacle"] is None
+        assert left["colour"][0] == pytest.approx(1.5 * k) and left["colour"][-1] == pytest.approx(3 * k) and not right["colour"].any()
+        assert left["limits"] == right["limits"] == pytest.approx((0, 21)) and left["cmap"] == right["cmap"] == "YlOrRd"
+        assert left["size"][0] == 150
+    assert titles[3] == "step 3 of 7:  largest error 9 mm"
+    assert Image.open(tmp_path / "both.gif").info["duration"] == 20  # browsers show shorter ones slower
+    assert Image.open(tmp_path / "both.gif").width == 300
+
+
+def test_a_frame_says_its_error_and_shows_prediction_over_truth(tmp_path, drawn, titles):
+    truth = path()[3]
+    wrong = truth.copy()
+    wrong[1] += [2e-3, -3e-3, 6e-3]
+    view.frame_picture(tmp_path / "a.png", MESH, prediction=wrong, truth=truth, step=3, steps=7)
+    left, right = drawn
+    assert np.array_equal(left["displacement"], wrong) and np.array_equal(left["outline"], truth)
+    assert np.array_equal(right["displacement"], truth) and right["outline"] is None
+    assert left["colour"] == pytest.approx(np.where(np.arange(len(truth)) == 1, 7, 0)) and not right["colour"].any()
+    assert left["limits"] == right["limits"] == pytest.approx((0, 7)) and left["size"] == right["size"] and left["size"][0] == 600
+    assert titles == ["step 3 of 7:  largest error 7 mm,  largest displacement 18 mm"]
+    picture = np.asarray(Image.open(tmp_path / "a.png"))
+    height = left["size"][1]
+    assert picture.shape == (height + 76 + 74, 1200, 3)
+    assert (picture[76 + 5:76 + height - 5, 5:595] == 10).all() and (picture[76 + 5:76 + height - 5, 605:1195] == 20).all()
+    assert (picture[:8] == 255).all() and (picture[76 + height + 2:, :300] == 255).all()  # the bar is 0.4 wide, in the middle
+    bar = picture[76 + height + 22, 365:835].astype(int)
+    assert bar[0].sum() > 700 and bar[-1, 0] < 140 and bar[-1, 1] < 10  # from pale yellow to dark red
+    view.frame_picture(tmp_path / "b.png", MESH, prediction=truth, truth=truth, step=0, steps=7)
+    assert drawn[2]["limits"] == (0, 1e-9)
+
+
+def test_a_mode_goes_through_one_period_by_a_sixth_of_the_body(tmp_path, drawn, titles):
+    mode = path()[1]  # the largest is 6 mm long
+    view.mode_film(tmp_path / "m.gif", MESH, mode, title="mode 1", frames=6, seconds=1.2)
+    assert titles == 6 * ["mode 1"] and Image.open(tmp_path / "m.gif").info["duration"] == 200
+    for k, call in enumerate(drawn):
+        phase = np.cos(2 * np.pi * k / 6)
+        assert call["displacement"] == pytest.approx(phase * mode * (0.1 / 6 / 6e-3), abs=1e-15)
+        assert call["colour"] == pytest.approx(abs(phase) * np.where(np.arange(len(mode)) == len(mode) - 1, 1, 0.5))
+        assert call["limits"] == (0, 1) and not call["outline"].any() and call["size"][0] == 600
+    drawn.clear()
+    scalar = np.linspace(-3.0, 4.0, len(MESH.points))
+    view.mode_picture(tmp_path / "s.png", MESH, scalar)
+    assert len(drawn) == 1 and not drawn[0]["displacement"].any() and drawn[0]["outline"] is None
+    assert drawn[0]["colour"] == pytest.approx(scalar / 4) and drawn[0]["limits"] == (-1, 1) and drawn[0]["cmap"] == "RdBu_r"
+
+
+def test_pictures_of_modes_are_numbered_from_one(tmp_path, monkeypatch):
+    asked = []
+    for kind in ("mode_picture", "mode_film"):
+        monkeypatch.setattr(view, kind, lambda path, mesh, mode, *, title: asked.append((path.name, float(mode[0, 1]), title)))
+    mode = path()[1]
+    written = view.mode_pictures(tmp_path / "all" / "modes", MESH, np.array([mode, 3 * mode]), names=["slow", "fast"])
+    assert written == ["mode_01.png", "mode_01.gif", "mode_02.png", "mode_02.gif"] and (tmp_path / "all" / "modes").is_dir()
+    assert asked == [("mode_01.png", 2e-3, "mode 1:  slow"), ("mode_01.gif", 2e-3, "mode 1:  slow"),
+                     ("mode_02.png", 6e-3, "mode 2:  fast"), ("mode_02.gif", 6e-3, "mode 2:  fast")]
+
+
+def test_the_camera_holds_body_and_near_obstacle():
+    assert view.TOWARDS_EYE @ view.TOWARDS_EYE == pytest.approx(1) and view.TOWARDS_EYE[1] < 0 < view.TOWARDS_EYE[2]
+    right, up = view._axes_of_view(np.array([0.0, -1.0, 0.0]))
+    assert right == pytest.approx([1, 0, 0]) and up == pytest.approx([0, 0, 1])  # x to the right, z up
+    right, up = view._axes_of_view(np.array([0.0, 0.0, 1.0]))
+    assert right == pytest.approx([1, 0, 0]) and up == pytest.approx([0, 1, 0])
+    front = np.array([0.0, -1.0, 0.0])
+    box = np.array([[1.0, 2, 3], [5, 3, 4]])
+    camera = view._fit([box[:1], box[1:]], None, front)
+    assert camera.centre == pytest.approx([3, 2.5, 3.5]) and (camera.half_width, camera.half_height) == pytest.approx((2.12, 0.53))
+    assert np.array_equal(camera.eye, front)
+    # Half the extent, 2, around the box: a point 1.9 above is seen, one 2.1 above, or to any side, is not.
+    for away, top in (
+            ([3, 2, 5.9], 5.9), ([3, 2, 6.1], 4.0), ([7.1, 2, 5], 4.0), ([-1.1, 2, 5], 4.0), ([3, 5.1, 5], 4.0), ([3, 2, 0.9], 4.0)):
+        camera = view._fit([box], view.Obstacle(np.array([away]), np.zeros((0, 3), int)), front)
+        assert camera.half_height == pytest.approx(1.06 * (top - 3) / 2) and camera.centre[2] == pytest.approx((top + 3) / 2)
+    camera = view._Camera(np.zeros(3), 2.0, 1.0, front)
+    assert view._panel_size(camera, 1) == (1200, 600) and view._panel_size(camera, 2) == (600, 300)
+    tall, flat = view._Camera(np.zeros(3), 1.0, 3.0, front), view._Camera(np.zeros(3), 9.0, 1.0, front)
+    assert view._panel_size(tall, 1) == (1200, 720) and view._panel_size(tall, 2) == (600, 480)
+    assert view._panel_size(flat, 1) == (1200, 300) and view._panel_size(flat, 2) == (600, 150)
+    assert np.array_equal(view._eye(MESH), view.TOWARDS_EYE)
+    plate = build_mesh(Body(shape="plate", length=0.1, width=0.06, height=0.02, cells=(1, 1, 1)))
+    assert view._eye(plate) == pytest.approx(np.array([-0.35, -1, 0.8]) / np.linalg.norm([0.35, 1, 0.8]))
+    sheet = build_mesh(Body(shape="plate", length=0.1, width=0.06, cells=(1, 1), cell="triangle"))
+    assert view._eye(sheet) == pytest.approx([0, 0, 1])
+    for width, height in ((0.06, 0.031), (0.024, 0.005)):  # not twice as wide as high; not wider than a quarter of its length
+        slim = build_mesh(Body(length=0.1, width=width, height=height, cells=(1, 1, 1)))
+        assert np.array_equal(view._eye(slim), view.TOWARDS_EYE)
+
+
+def test_polygons_are_listed_with_their_number_of_nodes():
+    assert view._faces([np.array([[4, 5, 6]]), np.array([[0, 1, 2, 3], [7, 8, 9, 1]])]).tolist() == [
+        3, 4, 5, 6, 4, 0, 1, 2, 3, 4, 7, 8, 9, 1]
+    rigid = view.Obstacle(np.arange(18.0).reshape(2, 3, 3), np.array([[0, 1, 2]]))
+    assert np.array_equal(rigid.at(1).points, rigid.points[1]) and np.array_equal(rigid.at(1).triangles, rigid.triangles)
+    assert rigid.at(1).at(0) is not rigid and np.array_equal(rigid.at(1).at(5).points, rigid.points[1])
+
+
+def test_a_facet_has_the_colour_of_most_of_its_nodes(tmp_path, drawn):
+    segment = (MESH.points[:, 0] > 0.04).astype(np.int64) + (MESH.points[:, 0] > 0.09)
+    view.segment_picture(tmp_path / "s.png", MESH, segment)
+    colour = drawn[0]["colour"]
+    facets = [facet for part in MESH.surface for facet in part]
+    assert colour.shape == (len(facets), 3) and drawn[0]["size"][0] == 1200
+    # hue 0, 0.618 and 0.236 of the circle; saturation 0.45 and 0.75 by turns; value 0.92
+    palette = [(0.92, 0.506, 0.506), (0.23, 0.43125, 0.92), (0.7476, 0.92, 0.506)]
+    for facet, found in zip(facets, colour, strict=True):
+        counts = np.bincount(segment[facet], minlength=3)
+        if np.count_nonzero(counts == counts.max()) == 1:
+            assert found == pytest.approx(palette[counts.argmax()], abs=0.01)
+
+
+def test_the_outline_is_blue_where_the_truth_is_and_the_obstacle_grey():
+    """Drawn for once: a body of one colour, the truth's edges 15 mm above it, an obstacle 15 mm below, seen from the front."""
+    front, still = np.array([0.0, -1.0, 0.0]), np.zeros_like(MESH.points)
+    camera = view._Camera(np.array([0.05, 0.01, 0.015]), 0.06, 0.06, front)
+    square = view.Obstacle(np.array([[0.03, 0.0, -0.03], [0.07, 0.0, -0.03], [0.07, 0.0, -0.015], [0.03, 0, -0.015]]),
+                           np.array([[0, 1, 2], [0, 2, 3]]))
+    picture = view._draw(MESH, still, np.linspace(5, 6, len(still)), (0, 5), "YlOrRd", camera, (120, 120), obstacle=square,
+                         outline=still + [0, 0, 0.035]).astype(int)
+    assert picture.shape == (120, 120, 3)
+
+    def at(x, z):  # 1 mm a pixel
+        return picture[round(1e3 * (0.075 - z)), round(1e3 * (x + 0.01))]
+
+    assert (at(-0.005, 0.015) == 255).all() and (at(0.105, 0.015) == 255).all()
+    red, green, blue = at(0.03, 0.012)
+    assert red > 80 and green < 40 and blue < 70  # the top of the scale
+    grey = at(0.05, -0.022)
+    assert np.ptp(grey) < 12 and 120 < grey.mean() < 240
+    assert (at(0.05, 0.05) == 255).all()  # inside of the outline
+    blues = (picture[..., 2] - picture[..., 0] > 60).nonzero()
+    assert len(blues[0]) > 100
+    # The outline's box: from 35 to 65 mm high, 0 to 100 mm along.
+    assert np.ptp(blues[0]) == pytest.approx(30, abs=2) and np.ptp(blues[1]) == pytest.approx(100, abs=2)
+    assert blues[0].min() == pytest.approx(75 - 65, abs=2)
