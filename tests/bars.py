@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from physics.mesh import build_mesh
+from physics.mesh.build import build_mesh
 from physics.scene import read_scene
 
 HX, HY, HZ = 0.04, 0.03, 0.02  # edges of a box [m]: the median of all is 0.03

@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from physics.correct import Corrector
-from physics.mesh import build_mesh
+from physics.fidelity.correct import Corrector
+from physics.mesh.build import build_mesh
 from tests.scenes import beam
 
 SMALL = {"length": 0.06, "width": 0.02, "height": 0.015, "cells": [3, 1, 1], "cell": "hexahedron"}

@@ -8,8 +8,8 @@ import scipy.linalg
 import scipy.sparse
 from petsc4py import PETSc
 
-from physics import eigen
-from physics.eigen import Problem, clusters, lowest_pairs
+from physics.linalg import eigen
+from physics.linalg.eigen import Problem, clusters, lowest_pairs
 
 EPS = np.finfo(float).eps
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from physics.eigen import Pairs
-from physics.laplacian import laplacian_modes
-from physics.mesh import build_mesh
-from physics.modes import _first_bending, _rigid_motions, amplitudes, elastic_modes, elastic_problem, remarks
+from physics.linalg.eigen import Pairs
+from physics.modes.laplacian import laplacian_modes
+from physics.mesh.build import build_mesh
+from physics.modes.elastic import _first_bending, _rigid_motions, amplitudes, elastic_modes, elastic_problem, remarks
 from physics.scene import read_body, read_scene
 from tests.scenes import beam
 from tests.test_physics_modes import two_cubes

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from physics.verify import Checker, verify
+from physics.fidelity.verify import Checker, verify
 from tests.bars import HX, HY, HZ, LAMBDA, MU, ORIGIN, bar
 
 NORMAL = np.array([2, -3, -6]) / 7  # of length 1, out of the obstacle

@@ -6,7 +6,7 @@ Planes of the bar move as a whole, so each box has one strain, and all forces ar
 import numpy as np
 import pytest
 
-from physics.verify import Checker, as_table, verify
+from physics.fidelity.verify import Checker, as_table, verify
 from tests.bars import HX, HY, HZ, LAMBDA, MU, ORIGIN, bar, node_at, stress
 
 # Frames 0 .. 61; a free node is off by AMOUNT (2, 3, 6) um, of length 7, a held one by HELD (1, -2, 2) um, of length 3.

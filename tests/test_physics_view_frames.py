@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from physics import view
-from physics.mesh import build_mesh
+from physics.mesh.build import build_mesh
 from physics.scene import Body
 
 MESH = build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=(2, 1, 1)))
