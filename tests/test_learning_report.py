@@ -38,6 +38,12 @@ def written(tmp_path_factory):
     return out, write_report(out, full())
 
 
+@pytest.fixture(autouse=True)
+def quick(written, monkeypatch):
+    """Once the folder is written, other reports get a picture of no pixels."""
+    monkeypatch.setattr("learning.report.pareto_picture", lambda path, some: path.write_bytes(b"none"))
+
+
 class Page(HTMLParser):
     """Tables as lists of rows, the class of each row, and all sources of pictures."""
 
