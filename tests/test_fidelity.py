@@ -100,8 +100,20 @@ def modes_found(elastic: bool):
     mesh = build_mesh(Body(length=0.03, width=0.02, height=0.02, cells=(1, 1, 1)))
     shapes = np.arange(2 * 8 * 3.0).reshape(2, 8, 3) if elastic else np.arange(16.0).reshape(2, 8)
     values = {"frequencies_hz": (10.0, 25.5)} if elastic else {"eigenvalues": np.array([3.0, 4.5])}
-    return SimpleNamespace(mesh=mesh, shapes=shapes, pictured=shapes, residuals=np.array([1e-9, 2e-9]), dofs=24, seconds=1.5, cells="1 cell",
-                           solver="dense", clusters=[(0, 1)], remarks=("nothing of note",), report={"frequencies": "theirs"}, **values)
+    return SimpleNamespace(
+        mesh=mesh,
+        shapes=shapes,
+        pictured=shapes,
+        residuals=np.array([1e-9, 2e-9]),
+        dofs=24,
+        seconds=1.5,
+        cells="1 cell",
+        solver="dense",
+        clusters=[(0, 1)],
+        remarks=("nothing of note",),
+        report={"frequencies": "theirs"},
+        **values,
+    )
 
 
 def test_modes_are_told_in_their_unit_counted_from_one(monkeypatch, capsys):
@@ -109,7 +121,10 @@ def test_modes_are_told_in_their_unit_counted_from_one(monkeypatch, capsys):
     monkeypatch.setattr(fidelity, "_laplacian", lambda options: modes_found(False))
     rest = {"residuals": [1e-9, 2e-9], "dofs": 24, "seconds": 1.5, "cells": "1 cell", "solver": "dense", "clusters": [[1, 2]],
             "remarks": ["nothing of note"], "frequencies": "theirs"}
-    for kind, first in (("elastic", "mode   1            10 Hz  residual 1.0e-09"), ("laplacian", "mode   1             3 1/m2  residual 1.0e-09")):
+    for kind, first in (
+        ("elastic", "mode   1            10 Hz  residual 1.0e-09"),
+        ("laplacian", "mode   1             3 1/m2  residual 1.0e-09"),
+    ):
         status, out, _ = called(capsys, "modes", "s.toml", "--kind", kind)
         assert status == 0 and out.splitlines()[0] == first and out.splitlines()[2:] == ["24 unknowns, 1 cell; dense", "nothing of note"]
         assert json.loads(called(capsys, "modes", "s.toml", "--kind", kind, "--json")[1]) == {"kind": kind, **rest}
@@ -140,7 +155,10 @@ def test_pictures_of_modes_are_named_by_value_and_unit(monkeypatch, capsys, tmp_
     monkeypatch.setattr("physics.view.mode_pictures", lambda folder, mesh, shapes, names: given.append((folder, names)) or ["a", "b"])
     status, out, _ = called(capsys, "modes", "s.toml", "--picture", tmp_path / "p")
     assert status == 0 and out.endswith(f"2 pictures: {tmp_path / 'p'}\n")
-    assert json.loads(called(capsys, "modes", "s.toml", "--picture", tmp_path / "p", "--kind", "laplacian", "--json")[1])["pictures"] == ["a", "b"]
+    assert json.loads(called(capsys, "modes", "s.toml", "--picture", tmp_path / "p", "--kind", "laplacian", "--json")[1])["pictures"] == [
+        "a",
+        "b",
+    ]
     assert given == [(tmp_path / "p", ["f = 10 Hz", "f = 25.5 Hz"]), (tmp_path / "p", ["lambda = 3 1/m2", "lambda = 4.5 1/m2"])]
 
 
@@ -151,7 +169,9 @@ def test_elastic_modes_want_a_scene_and_no_held_places(capsys, tmp_path):
     assert status == 2 and "--dirichlet is for --kind laplacian" in err
 
 
-@pytest.mark.parametrize("given, names", [([], None), (["--dirichlet", "none"], []), (["--dirichlet", " inlet, ,hole "], ["inlet", "hole"])])
+@pytest.mark.parametrize(
+    "given, names", [([], None), (["--dirichlet", "none"], []), (["--dirichlet", " inlet, ,hole "], ["inlet", "hole"])]
+)
 def test_places_held_to_zero_are_a_list_with_commas(monkeypatch, capsys, given, names):
     asked = {}
     monkeypatch.setattr("physics.scene.load_body", lambda path: "body")
@@ -167,15 +187,25 @@ def solved(monkeypatch, tmp_path):
     """simulate with a solution made by hand: 4 steps in 2 s, the largest and smallest of each figure in the middle."""
     (tmp_path / "s.toml").write_text(beam().to_toml())
     solution = SimpleNamespace(
-        displacement=np.zeros((5, 8, 3)), seconds=2.0, newton_iterations=np.array([0, 1, 2, 3, 5]), factorisations=6, failure="", resumed=0,
-        relative_residual=np.array([0, 1e-8, 5e-7, 1e-9, 0]), penetration=np.array([0, 1e-6, 3e-5, 2e-6, 0]),
-        smallest_det_f=np.array([1, 0.9, 0.75, 0.8, 0.95]), reaction=np.array([[9.0, 0, 0], [0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]]),
-        linear_steps=2)
+        displacement=np.zeros((5, 8, 3)),
+        seconds=2.0,
+        newton_iterations=np.array([0, 1, 2, 3, 5]),
+        factorisations=6,
+        failure="",
+        resumed=0,
+        relative_residual=np.array([0, 1e-8, 5e-7, 1e-9, 0]),
+        penetration=np.array([0, 1e-6, 3e-5, 2e-6, 0]),
+        smallest_det_f=np.array([1, 0.9, 0.75, 0.8, 0.95]),
+        reaction=np.array([[9.0, 0, 0], [0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]]),
+        linear_steps=2,
+    )
     monkeypatch.setattr("physics.equilibrium.solve", lambda scene, **how: solution)
     monkeypatch.setattr("datagen.generate.trajectory_of", lambda scene, solution: SimpleNamespace(extra={"model": {"inertia": "left out"}}))
     written = []
     monkeypatch.setattr("datagen.trajectory.write_trajectory", lambda path, trajectory: written.append(path))
-    return SimpleNamespace(solution=solution, scene=tmp_path / "s.toml", out=tmp_path / "t.vtkhdf", part=tmp_path / "t.vtkhdf.part", written=written)
+    return SimpleNamespace(
+        solution=solution, scene=tmp_path / "s.toml", out=tmp_path / "t.vtkhdf", part=tmp_path / "t.vtkhdf.part", written=written
+    )
 
 
 def test_a_simulation_is_told_by_its_extremes_and_sums(solved, capsys):
@@ -212,7 +242,9 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
     given = {}
     monkeypatch.setattr("datagen.family.load_family", lambda name: name)
     monkeypatch.setattr("datagen.family.counts", lambda family, count, split: (count, split))
-    monkeypatch.setattr("datagen.generate.generate", lambda family, wanted, out, **how: given.update(how, all=(family, wanted, out)) or {"new": 3})
+    monkeypatch.setattr(
+        "datagen.generate.generate", lambda family, wanted, out, **how: given.update(how, all=(family, wanted, out)) or {"new": 3}
+    )
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d") == (0, f"new 3: {tmp_path / 'd'}\n", "")
     assert given == {"all": ("beam", (None, None), tmp_path / "d"), "seed": 0, "workers": None, "cluster": "", "time_limit": float("inf")}
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d", "--count", "4", "--split", "test", "--seed", "9", "--workers", "2",
@@ -227,7 +259,9 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
 
 def test_verify_prints_its_figures_with_six_digits(monkeypatch, capsys, tmp_path):
     given = []
-    monkeypatch.setattr("datagen.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.23456789e-4, "mc": 2.0})
+    monkeypatch.setattr(
+        "datagen.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.23456789e-4, "mc": 2.0}
+    )
     assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1].splitlines() == [
         "rmse_all             0.000123457", "mc                   2"]
     assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmse_all": 1.23456789e-4, "mc": 2.0}
@@ -250,10 +284,18 @@ def test_a_film_lies_beside_its_trajectory_and_shows_the_body_and_its_obstacle(m
 
 # processes
 
-@pytest.mark.parametrize("given, verb, words", [
-    ({"WORLD_SIZE": "2", "RANK": "0"}, "simulate", "simulate runs as one process"), ({"OMPI_COMM_WORLD_SIZE": "2"}, "view", "view runs as one process"),
-    ({"OMPI_COMM_WORLD_SIZE": "2", "OMPI_COMM_WORLD_RANK": "1"}, "view", ""), ({"PMI_SIZE": "2", "PMI_RANK": "1"}, "view", ""),
-    ({"PMI_SIZE": "3"}, "view", "view runs as one process"), ({}, "view", "no such file"), ({"WORLD_SIZE": "1"}, "view", "no such file")])
+@pytest.mark.parametrize(
+    "given, verb, words",
+    [
+        ({"WORLD_SIZE": "2", "RANK": "0"}, "simulate", "simulate runs as one process"),
+        ({"OMPI_COMM_WORLD_SIZE": "2"}, "view", "view runs as one process"),
+        ({"OMPI_COMM_WORLD_SIZE": "2", "OMPI_COMM_WORLD_RANK": "1"}, "view", ""),
+        ({"PMI_SIZE": "2", "PMI_RANK": "1"}, "view", ""),
+        ({"PMI_SIZE": "3"}, "view", "view runs as one process"),
+        ({}, "view", "no such file"),
+        ({"WORLD_SIZE": "1"}, "view", "no such file"),
+    ],
+)
 def test_only_the_first_of_several_processes_speaks(capsys, monkeypatch, tmp_path, given, verb, words):
     """What mpirun and torchrun leave in the environment is read when the program starts: by a fresh copy of it."""
     for key in ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK", "PMI_SIZE", "PMI_RANK", "RANK", "WORLD_SIZE"):

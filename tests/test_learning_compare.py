@@ -18,8 +18,16 @@ from tests.scenes import beam, pressed
 
 SMALL = {"length": 0.06, "width": 0.02, "height": 0.02, "cells": [4, 1, 2]}
 TRIVIAL = ["nothing moves", "keep the last velocity", "quadratic extrapolation"]
-CHEAPER = ["FE, cells halved", "FE, cells halved twice", "FE, a tenth of the steps", "FE, tolerance 0.01",
-           "FE, cells halved, a tenth of the steps", "FE, linear elasticity", "reduced-order model", "reduced-order model, a tenth of the steps"]
+CHEAPER = [
+    "FE, cells halved",
+    "FE, cells halved twice",
+    "FE, a tenth of the steps",
+    "FE, tolerance 0.01",
+    "FE, cells halved, a tenth of the steps",
+    "FE, linear elasticity",
+    "reduced-order model",
+    "reduced-order model, a tenth of the steps",
+]
 
 
 def model(estimate: bool = False):
@@ -52,14 +60,14 @@ def test_a_scene_is_solved_and_is_its_own_truth(scene):
                                      {"body": SMALL | {"cell": "hexahedron", "order": 2}}])
 def test_scenes_in_motion_and_of_second_order_are_refused(tmp_path, changes):
     (tmp_path / "s.toml").write_text((pressed if "steps" in changes else beam)(**{"body": SMALL} | changes).to_toml())
-    with pytest.raises(InputError, match="s.toml: the comparison takes quasi-static scenes of first-order cells"):
+    with pytest.raises(InputError, match=r"s\.toml: the comparison takes quasi-static scenes of first-order cells"):
         module.scene_case(tmp_path / "s.toml")
 
 
 def test_a_scene_without_a_solution_says_where_it_ended(scene, monkeypatch):
     stopped = SimpleNamespace(complete=False, extra={"failure": "no equilibrium at step 2"})
     monkeypatch.setattr(module, "trajectory_of", lambda given: stopped)
-    with pytest.raises(RuntimeError, match="press.TOML: no equilibrium at step 2"):
+    with pytest.raises(RuntimeError, match=r"press\.TOML: no equilibrium at step 2"):
         module.scene_case(scene)
 
 
@@ -72,8 +80,9 @@ def test_classical_methods_stand_among_themselves_the_reference_last():
 def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its_folder():
     rungs = ["", ", 1 Newton step", ", as the start of Newton"]
     one = module.predictors({"runs/a": model()})
-    assert [(each.name, each.kind) for each in one[:3]] == [("M4GN" + rung, kind) for rung, kind in zip(rungs, ("learned", "hybrid", "hybrid"),
-                                                                                                      strict=True)]
+    assert [(each.name, each.kind) for each in one[:3]] == [
+        ("M4GN" + rung, kind) for rung, kind in zip(rungs, ("learned", "hybrid", "hybrid"), strict=True)
+    ]
     assert one[3].name == "nothing moves" and len(one) == 15
     two = module.predictors({"runs/a": model(), "more/b": model(estimate=True)})
     assert [each.name for each in two[:7]] == [*("M4GN a" + rung for rung in rungs), "M4GN b", "M4GN b, its estimate alone",

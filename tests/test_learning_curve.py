@@ -43,7 +43,11 @@ def test_tensorboard_has_the_same_curve(board, tmp_path):
         curve.add(2, loss=0.25, error=None)
         curve.add(3, loss=0.125, error=1e-3)
         assert len(lines(tmp_path)) == 3 and board.closed == 0  # a line can be read as soon as it is there
-    assert lines(tmp_path) == [{"step": 1, "loss": 0.5}, {"step": 2, "loss": 0.25, "error": None}, {"step": 3, "loss": 0.125, "error": 1e-3}]
+    assert lines(tmp_path) == [
+        {"step": 1, "loss": 0.5},
+        {"step": 2, "loss": 0.25, "error": None},
+        {"step": 3, "loss": 0.125, "error": 1e-3},
+    ]
     assert board.made == [(str(tmp_path), 1)] and board.closed == 1
     assert board.scalars == [("loss", 0.5, 1), ("loss", 0.25, 2), ("loss", 0.125, 3), ("error", 1e-3, 3)]
 

@@ -60,7 +60,9 @@ def test_it_takes_the_family_and_the_config_of_the_package(small):
 
 
 def test_modes_are_beside_those_of_beam_theory(small):
-    modes = [[float(value) for value in line] for line in re.findall(r"mode \d +([\d.]+) Hz +Euler-Bernoulli bending +([\d.]+) Hz", small.text)]
+    modes = [
+        [float(value) for value in line] for line in re.findall(r"mode \d +([\d.]+) Hz +Euler-Bernoulli bending +([\d.]+) Hz", small.text)
+    ]
     assert len(modes) == 4
     # a rubber beam of 20 x 25 mm, bent in the plane where it is thinner first; linear prisms are too stiff by their coarse cells
     assert modes[0][1] / modes[1][1] == pytest.approx(20 / 25, abs=1e-3)
@@ -109,18 +111,26 @@ def parts(monkeypatch, tmp_path, best: float | None) -> tuple[list[str], dict]:
     entries = [SimpleNamespace(nodes=nodes, seconds=seconds, steps=steps) for nodes, seconds, steps in ((90, 1.0, 10), (101, 3.0, 30))]
     clock = iter([100.0, 142.4])
     replaced = {
-        "load_family": lambda name: name, "draw": lambda family, seed, index: calls.update(draw=(family, seed, index)) or scene,
-        "elastic_modes": lambda of, count: calls.update(modes=(of, count)) or SimpleNamespace(frequencies_hz=[12.5, 20.0],
-                                                                                             residuals=[2e-9, 4e-10]),
+        "load_family": lambda name: name,
+        "draw": lambda family, seed, index: calls.update(draw=(family, seed, index)) or scene,
+        "elastic_modes": lambda of, count: (
+            calls.update(modes=(of, count)) or SimpleNamespace(frequencies_hz=[12.5, 20.0], residuals=[2e-9, 4e-10])
+        ),
         "euler_bernoulli_hz": lambda of, count: calls.update(theory=(of, count)) or [12.0, 21.25],
-        "counts": lambda family: {"train": 2}, "generate": lambda *given: calls.update(generate=given),
+        "counts": lambda family: {"train": 2},
+        "generate": lambda *given: calls.update(generate=given),
         "read_manifest": lambda data: SimpleNamespace(trajectories=entries),
         "files": lambda data, split: [f"{split}/{i}" for i in range({"train": 3, "valid": 2, "test": 1}[split])],
         "read_trajectory": lambda path: f"trajectory {path}",
         "segments_of": lambda trajectory, config: (trajectory, config.method),
-        "segment_quality": lambda trajectory, label: {"conductance": 0.12345, "edge_cut_ratio": 0.5} if label[1] == "metis" else {"silhouette": 1.0},
-        "train": lambda *given, **how: calls.update(train=given, how=how) or {"best_error": best, "parameters": 99, "steps": 7, "seconds": 4.5},
-        "evaluate": lambda *given, say: say("a line") or calls.update(evaluate=given) or {"summary": "words"}}
+        "segment_quality": lambda trajectory, label: (
+            {"conductance": 0.12345, "edge_cut_ratio": 0.5} if label[1] == "metis" else {"silhouette": 1.0}
+        ),
+        "train": lambda *given, **how: (
+            calls.update(train=given, how=how) or {"best_error": best, "parameters": 99, "steps": 7, "seconds": 4.5}
+        ),
+        "evaluate": lambda *given, say: say("a line") or calls.update(evaluate=given) or {"summary": "words"},
+    }
     for name, value in replaced.items():
         monkeypatch.setattr(demo, name, value)
     monkeypatch.setattr(demo.time, "perf_counter", lambda: next(clock))

@@ -1,4 +1,4 @@
-"""What a report is put together from: which frames are drawn, which scenes are solved finer, the facts and the sentences, on known numbers."""
+"""What a report is made of: which frames are drawn, which scenes are solved finer, the facts and the sentences, on known numbers."""
 
 import math
 from dataclasses import replace
@@ -14,7 +14,6 @@ from learning.measure import Frame, Measurement
 from learning.predictor import Case, Predictor
 from learning.seen import Seen
 from physics.mesh import build_mesh
-from physics.scene import read_scene
 from tests.rows import row, rows
 from tests.scenes import beam, pressed
 from tests.synthetic import bending
@@ -37,11 +36,16 @@ def test_the_worst_frames_of_the_five_worst_trajectories_of_the_best_network_are
     monkeypatch.setattr(module, "frame_picture", lambda path, mesh, **how: drawn.append((path, mesh, how)))
     cases = [case(f"000{i}", steps=9 + i, seed=i) for i in range(7)]
     errors = [3e-4, 7e-4, 1e-4, 5e-4, 6e-4, 2e-4, 4e-4]  # the worst first: 1, 4, 3, 6, 0
-    frames = [Frame(each, name, 2 + i, np.full((99, 3), i + shift), error + shift) for i, (each, error) in enumerate(zip(cases, errors, strict=True))
-              for name, shift in (("M4GN a", 9.0), ("M4GN b", 0.0))]
+    frames = [
+        Frame(each, name, 2 + i, np.full((99, 3), i + shift), error + shift)
+        for i, (each, error) in enumerate(zip(cases, errors, strict=True))
+        for name, shift in (("M4GN a", 9.0), ("M4GN b", 0.0))
+    ]
     pictures = module._pictures(tmp_path, Measurement(rows=rows(), frames=frames))
     assert [name for name, _ in pictures] == [f"frame_000{i}.png" for i in (1, 4, 3, 6, 0)]
-    assert pictures[0][1].startswith("Test trajectory 0001, RMSE-all 0.7 mm, at step 3 of 10, where the rollout is farthest from the truth.")
+    assert pictures[0][1].startswith(
+        "Test trajectory 0001, RMSE-all 0.7 mm, at step 3 of 10, where the rollout is farthest from the truth."
+    )
     assert len(drawn) == 5
     for i, (path, mesh, how) in zip((1, 4, 3, 6, 0), drawn, strict=True):
         assert path == tmp_path / f"frame_000{i}.png" and mesh is cases[i].mesh and (how["step"], how["steps"]) == (2 + i, 9 + i)
@@ -156,12 +160,16 @@ def test_the_facts_tell_what_was_tested_and_trained(monkeypatch):
                     body={"length": 0.1, "width": 0.02, "height": 0.02, "cells": [4, 3, 2], "cell": "hexahedron"})
     cases = [case("b", steps=12), case("a", steps=6, cells=(4, 3, 2), scene=scene)]
     told = facts(monkeypatch, cases, runs={"runs/m4gn": model}, solved_again=2.5e-9)
-    assert told["test trajectories"] == ("2: b, a; 60 to 99 nodes, 6 to 12 steps; free nodes are those that neither a support holds nor the "
-                                         "obstacle is made of")  # 5 x 4 x 3 and 11 x 3 x 3
-    assert told["network m4gn"] == ("M4GN from runs/m4gn: 15 weights, trained 4000 steps in 62 s, of which step 3500 did best in validation and "
-                                    "is shown; seed 17")
-    assert told["truth"] == ("first-order hexahedrons, prisms, linear, neo-hookean; solved again here, it differs from the files by 2.5e-06 mm "
-                             "at most (they hold 32-bit numbers)")
+    assert told["test trajectories"] == (
+        "2: b, a; 60 to 99 nodes, 6 to 12 steps; free nodes are those that neither a support holds nor the obstacle is made of"
+    )  # 5 x 4 x 3 and 11 x 3 x 3
+    assert told["network m4gn"] == (
+        "M4GN from runs/m4gn: 15 weights, trained 4000 steps in 62 s, of which step 3500 did best in validation and is shown; seed 17"
+    )
+    assert told["truth"] == (
+        "first-order hexahedrons, prisms, linear, neo-hookean; solved again here, it differs from the files by 2.5e-06 mm "
+        "at most (they hold 32-bit numbers)"
+    )
     assert told["timing"].endswith("on each scene; each prediction timed once")
     assert told["equations"] == "checked at up to 25 frames of each trajectory, everything else at all frames"
     assert "PyTorch" in told["threads"] and "torch " + torch.__version__ in told["versions"] and len(told["date"]) == 10
@@ -171,7 +179,18 @@ def test_the_facts_of_one_size_have_no_range_and_repeats_are_told(monkeypatch):
     told = facts(monkeypatch, [case("b")], repeats=3)
     assert told["test trajectories"].startswith("1: b; 99 nodes, 10 steps;")
     assert told["timing"].endswith("; medians of 3 predictions, one for those of more than 10 s")
-    assert list(told) == ["test trajectories", "gathering", "timing", "truth", "equations", "machine", "threads", "versions", "program", "date"]
+    assert list(told) == [
+        "test trajectories",
+        "gathering",
+        "timing",
+        "truth",
+        "equations",
+        "machine",
+        "threads",
+        "versions",
+        "program",
+        "date",
+    ]
 
 
 def test_words_of_lists_are_cut_after_four():
@@ -206,10 +225,14 @@ def finer(each: tuple[float, ...]):
 def test_the_first_limit_tells_the_error_of_the_data_and_what_networks_have_beside_it():
     first = limits(Measurement(rows=finer((3e-4, math.nan, 3e-4))))[0]
     assert first.endswith(
-        "On 2 of the 3 scenes, solved again on cells of half the size, the data are 0.3 mm off (and the finer solution by about a third of that, if "
-        "errors fall with the square of the cells' size). M4GN a: 0.45 mm from the finer solution; in 12 % of the frames closer to the data than "
-        "these to it. M4GN b: 0.5 mm from the finer solution; in 25 % of the frames closer to the data than these to it. M4GN b, 1 Newton step: "
-        "0.36 mm from the finer solution; in 75 % of the frames closer to the data than these to it.")
+        "On 2 of the 3 scenes, solved again on cells of half the size, the data are 0.3 mm off (and the finer solution "
+        "by about a third of that, if "
+        "errors fall with the square of the cells' size). M4GN a: 0.45 mm from the finer solution; in 12 % of the "
+        "frames closer to the data than "
+        "these to it. M4GN b: 0.5 mm from the finer solution; in 25 % of the frames closer to the data than these to "
+        "it. M4GN b, 1 Newton step: "
+        "0.36 mm from the finer solution; in 75 % of the frames closer to the data than these to it."
+    )
     for some in (rows(), rows()[:5]):
         assert limits(Measurement(rows=some))[0].endswith("not that the body is known better.")
 
@@ -218,8 +241,10 @@ def test_materials_and_cells_are_told():
     stiff = beam(material={"young_modulus": 2.5e6, "poisson_ratio": 0.25, "law": "linear"},
                  body={"length": 0.1, "width": 0.02, "height": 0.02, "cells": [2, 2, 2], "cell": "hexahedron"})
     assert limits(Measurement(), cases=[case("0"), case("1", cells=(2, 2, 2), scene=stiff)])[1] == (
-        "Materials: linear (E = 2.5e+06 Pa, nu = 0.25), neo-hookean (E = 1e+06 Pa, nu = 0.4). Cells: hexahedron, prism. Of other materials and "
-        "kinds of mesh nothing is said here.")
+        "Materials: linear (E = 2.5e+06 Pa, nu = 0.25), neo-hookean (E = 1e+06 Pa, nu = 0.4). Cells: hexahedron, "
+        "prism. Of other materials and "
+        "kinds of mesh nothing is said here."
+    )
 
 
 def test_what_is_known_of_the_training_is_the_last_limit_before_what_went_wrong():
@@ -231,12 +256,18 @@ def test_what_is_known_of_the_training_is_the_last_limit_before_what_went_wrong(
 
 
 def test_what_newton_steps_make_of_a_network_is_told_by_factor_and_time():
-    some = [*rows(), row("M4GN b, as the start of Newton", "hybrid", 40.0, 1e-9, iterations=2.75), row("other, 1 Newton step", "hybrid", 1.0, 1.0)]
+    some = [
+        *rows(),
+        row("M4GN b, as the start of Newton", "hybrid", 40.0, 1e-9, iterations=2.75),
+        row("other, 1 Newton step", "hybrid", 1.0, 1.0),
+    ]
     # 0.2 mm / 0.05 mm is 4, 9 ms - 8 ms is 1
     assert module._of_correction(some) == [
         "M4GN b, 1 Newton step: the error over whole rollouts falls by a factor of 4, for 1 ms a step more; the solver itself takes 32 ms.",
-        "M4GN b, as the start of Newton: 2.75 Newton steps for each step of the loading and 40 ms; from the polynomial through the last states, "
-        "as the solver starts by itself, 4.25 and 32 ms."]
+        "M4GN b, as the start of Newton: 2.75 Newton steps for each step of the loading and 40 ms; from the polynomial "
+        "through the last states, "
+        "as the solver starts by itself, 4.25 and 32 ms.",
+    ]
     assert module._of_correction(some[:5]) == []  # no reference
     assert [words for words in limits(Measurement(rows=some)) if "a factor of 4" in words] == module._of_correction(some)[:1]
 
@@ -248,12 +279,15 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
     model = SimpleNamespace(config=SimpleNamespace(estimate=False))
     monkeypatch.setattr(module, "load_model", lambda run: model)
     monkeypatch.setattr(module, "load_cases", lambda files: list(files))
-    monkeypatch.setattr(module, "report_on", lambda predictors, cases, out, **how: given.update(how, p=predictors, cases=cases, out=out) or {"a": 1})
+    monkeypatch.setattr(
+        module, "report_on", lambda predictors, cases, out, **how: given.update(how, p=predictors, cases=cases, out=out) or {"a": 1}
+    )
     assert module.evaluate("run", ["f"], str(tmp_path), correct=2, refined=4) == {"a": 1}
     names = ["M4GN", "M4GN, 2 Newton steps", "nothing moves", "keep the last velocity", "quadratic extrapolation", "FE, cells halved",
              "FE, cells halved twice", "FE, the reference"]
-    assert [(each.name, each.kind) for each in given["p"]] == list(zip(names, ("learned", "hybrid", *["trivial"] * 3, "fe", "fe", "reference"),
-                                                                       strict=True))
+    assert [(each.name, each.kind) for each in given["p"]] == list(
+        zip(names, ("learned", "hybrid", *["trivial"] * 3, "fe", "fe", "reference"), strict=True)
+    )
     assert (given["cases"], given["out"], given["runs"], given["refined"]) == (["f"], tmp_path, {"run": model}, 4)
     model.config.estimate = True
     module.evaluate("run", ["f"], tmp_path)
@@ -277,4 +311,3 @@ def test_cases_are_named_by_their_files(monkeypatch):
     cases = module.load_cases(["a/0003.vtkhdf", Path("b/0007.vtkhdf")])
     assert [(each.name, each.mesh, each.scene is one.scene) for each in cases] == [
         ("0003", "a/0003.vtkhdf", True), ("0007", Path("b/0007.vtkhdf"), True)]
-    assert read_scene is not None

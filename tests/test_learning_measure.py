@@ -72,8 +72,13 @@ def timed(times: list[tuple[float, float]]) -> tuple[Predictor, list[int]]:
     def predict(case):
         calls.append(len(calls))
         seconds, set_up = times[calls[-1]]
-        return Prediction(path=shifted(case, *[1.0 + calls[-1]] * 4), one_step=shifted(case, 2, 2, 2, 2)[1:], seconds=seconds, set_up=set_up,
-                          iterations=8 + calls[-1])
+        return Prediction(
+            path=shifted(case, *[1.0 + calls[-1]] * 4),
+            one_step=shifted(case, 2, 2, 2, 2)[1:],
+            seconds=seconds,
+            set_up=set_up,
+            iterations=8 + calls[-1],
+        )
 
     return Predictor("timed", "fe", predict), calls
 
@@ -218,8 +223,17 @@ EACH = [{"rmse_all": 1e-3, "largest_penetration": 1e-5, "smallest_det_f": 0.9, "
 def test_rows_hold_means_and_of_extremes_the_extreme():
     row = _row(Predictor("M4GN", "learned", lambda case: None), EACH)
     # of a mean those count that have a number: (5 + 7) / 2 mm
-    assert row.scores == pytest.approx({"rmse_all": 4e-3, "largest_penetration": 4e-5, "smallest_det_f": 0.4, "smallest_scaled_jacobian": 0.1,
-                                        "inverted_elements": 5, "rmse_refined": 6e-3, "relative_residual": 0.75})
+    assert row.scores == pytest.approx(
+        {
+            "rmse_all": 4e-3,
+            "largest_penetration": 4e-5,
+            "smallest_det_f": 0.4,
+            "smallest_scaled_jacobian": 0.1,
+            "inverted_elements": 5,
+            "rmse_refined": 6e-3,
+            "relative_residual": 0.75,
+        }
+    )
     assert row.each == tuple(EACH) and (row.name, row.kind) == ("M4GN", "learned")
     assert math.isnan(_row(Predictor("FE", "fe", lambda case: None), [{"rmse_1": math.nan}]).scores["rmse_1"])
 

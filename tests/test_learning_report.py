@@ -162,17 +162,56 @@ def test_the_text_is_the_whole_report_line_by_line(written):
         return [*(f"- **{COLUMNS[key].head}**: {COLUMNS[key].meaning.replace('<b>', '**').replace('</b>', '**')}." for key in keys), ""]
 
     expected = [
-        "# A & B", "", headline(full()).replace("<b>", "**").replace("</b>", "**"), "", f"**{ALARM}**", "",
-        "![time per step against error](pareto.png)", "", SCALE["rmse_all"], "",
-        "## Time and error", "", *table(TIMES), *told("ms_per_step", "ms_per_step_alone", "rmse_1", "rmse_all"),
-        "## Held against the equations", "", *table(STEPS), *told("iterations"),
-        "## The deformed mesh", "", *table([[entry[0]] for entry in TIMES]), "",
-        "## RMSE-all of each test trajectory [mm]", "", *table(BY_CASE),
-        "## Inside or outside of what was trained on", "", *(f"- {entry}" for entry in LIES), "",
-        "## Worst frames", "", "worst of \"0011\"", "", "![worst of \"0011\"](frame_0011.png)", "", "second", "",
-        "![second](frame_0003.png)", "",
-        "## How it was measured", "", "- machine: one <core>", "- seed: 3", "", "## Limits", "", "- a limit of <b>all</b> that", "- another",
-        ""]
+        "# A & B",
+        "",
+        headline(full()).replace("<b>", "**").replace("</b>", "**"),
+        "",
+        f"**{ALARM}**",
+        "",
+        "![time per step against error](pareto.png)",
+        "",
+        SCALE["rmse_all"],
+        "",
+        "## Time and error",
+        "",
+        *table(TIMES),
+        *told("ms_per_step", "ms_per_step_alone", "rmse_1", "rmse_all"),
+        "## Held against the equations",
+        "",
+        *table(STEPS),
+        *told("iterations"),
+        "## The deformed mesh",
+        "",
+        *table([[entry[0]] for entry in TIMES]),
+        "",
+        "## RMSE-all of each test trajectory [mm]",
+        "",
+        *table(BY_CASE),
+        "## Inside or outside of what was trained on",
+        "",
+        *(f"- {entry}" for entry in LIES),
+        "",
+        "## Worst frames",
+        "",
+        'worst of "0011"',
+        "",
+        '![worst of "0011"](frame_0011.png)',
+        "",
+        "second",
+        "",
+        "![second](frame_0003.png)",
+        "",
+        "## How it was measured",
+        "",
+        "- machine: one <core>",
+        "- seed: 3",
+        "",
+        "## Limits",
+        "",
+        "- a limit of <b>all</b> that",
+        "- another",
+        "",
+    ]
     assert (written[0] / "report.md").read_text().split("\n") == expected
 
 
@@ -180,10 +219,34 @@ def test_the_table_holds_all_figures_in_si_units(written):
     with open(written[0] / "table.csv", newline="") as file:
         lines = list(csv.reader(file))
     assert lines[0] == [
-        "predictor", "kind", "ms_per_step [ms]", "ms_per_step_alone [ms]", "seconds [s]", "set_up_seconds [s]", "rmse_1 [m]", "rmse_50 [m]",
-        "rmse_all [m]", "rmse_all_pooled [m]", "rmse_refined [m]", "below_data [1]", "relative_residual [1]", "largest_penetration [m]",
-        "reaction_error [1]", "energy_error [1]", "stress_error [1]", "estimated_error [m]", "effectivity [1]", "iterations [1]", "gf_h [m]",
-        "gf_c [m2]", "mc [1]", "ar [1]", "smallest_det_f [1]", "smallest_scaled_jacobian [1]", "inverted_elements [1]"]
+        "predictor",
+        "kind",
+        "ms_per_step [ms]",
+        "ms_per_step_alone [ms]",
+        "seconds [s]",
+        "set_up_seconds [s]",
+        "rmse_1 [m]",
+        "rmse_50 [m]",
+        "rmse_all [m]",
+        "rmse_all_pooled [m]",
+        "rmse_refined [m]",
+        "below_data [1]",
+        "relative_residual [1]",
+        "largest_penetration [m]",
+        "reaction_error [1]",
+        "energy_error [1]",
+        "stress_error [1]",
+        "estimated_error [m]",
+        "effectivity [1]",
+        "iterations [1]",
+        "gf_h [m]",
+        "gf_c [m2]",
+        "mc [1]",
+        "ar [1]",
+        "smallest_det_f [1]",
+        "smallest_scaled_jacobian [1]",
+        "inverted_elements [1]",
+    ]
     assert lines[2][:2] == ["M4GN b", "learned"] and len(lines) == 8
     assert [float(value) for value in lines[2][2:10]] == pytest.approx([8.0, 7.0, *[math.nan] * 2, 2e-6, math.nan, 2e-4, math.nan],
                                                                      nan_ok=True)
@@ -229,7 +292,9 @@ def test_a_report_says_nothing_of_what_it_does_not_know(tmp_path):
 def test_the_alarm_names_five_scenes_at_most(tmp_path, far, words):
     outside = {f"c{i}": {"steps": 0.21 if i < far else 0.2} for i in range(7)}  # a fifth of the range's width is not yet far
     write_report(tmp_path, report(cases=list(outside), outside=outside, rows=[row("M4GN", "learned", 1.0, 1e-3)]))
-    assert f"**{far} of 7 test scenes lie far outside of what the simulator was trained on {words}: " in (tmp_path / "report.md").read_text()
+    assert (
+        f"**{far} of 7 test scenes lie far outside of what the simulator was trained on {words}: " in (tmp_path / "report.md").read_text()
+    )
     assert "0 of 7 test scenes lie inside of every range" in (tmp_path / "report.md").read_text()
 
 

@@ -58,8 +58,23 @@ def test_segment_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert called.named == {"method": "slic-mdod-e", "tau": 0.5, "modes": "elastic", "mode_count": 1}
     called.given[3]("a line")
     assert capsys.readouterr().err == "a line\n"  # standard output is the JSON's alone
-    spoken(capsys, "segment", "t.vtkhdf", "--segments", "auto", "--method", "metis", "--tau", "0.25", "--modes", "laplacian", "--mode-count", "4",
-           "--picture", tmp_path / "p.png")
+    spoken(
+        capsys,
+        "segment",
+        "t.vtkhdf",
+        "--segments",
+        "auto",
+        "--method",
+        "metis",
+        "--tau",
+        "0.25",
+        "--modes",
+        "laplacian",
+        "--mode-count",
+        "4",
+        "--picture",
+        tmp_path / "p.png",
+    )
     assert called.given[1:3] == ("auto", tmp_path / "p.png")
     assert called.named == {"method": "metis", "tau": 0.25, "modes": "laplacian", "mode_count": 4}
     spoken(capsys, "segment", "t.vtkhdf", "--segments", "1")
@@ -94,7 +109,9 @@ def test_train_takes_both_splits_and_says_the_error_in_mm(training, capsys):
 def test_train_without_validation_says_no_error(training, capsys):
     (training.data / "valid").rmdir()
     training.result["best_error"] = None
-    assert spoken(capsys, "train", "c.toml", "--data", training.data, "--out", training.out) == [f"40 steps in 62 s, loss 0.1235: {training.out}"]
+    assert spoken(capsys, "train", "c.toml", "--data", training.data, "--out", training.out) == [
+        f"40 steps in 62 s, loss 0.1235: {training.out}"
+    ]
     assert training.given[2] == []
 
 
@@ -143,7 +160,9 @@ def test_a_rollout_does_not_overwrite_its_trajectory_by_any_name(predicted, caps
     roundabout = predicted.file.parent / "x" / ".." / predicted.file.name
     (predicted.file.parent / "x").mkdir()
     for out in (predicted.file, roundabout):
-        assert "is the trajectory itself, which the prediction would overwrite" in refused(capsys, "rollout", "run", predicted.file, "--out", out)
+        assert "is the trajectory itself, which the prediction would overwrite" in refused(
+            capsys, "rollout", "run", predicted.file, "--out", out
+        )
     assert predicted.file.read_bytes() == before
     assert "must end in .vtkhdf" in refused(capsys, "rollout", "run", predicted.file, "--out", "p.vtu")
     assert "not a whole number above 0" in refused(capsys, "rollout", "run", predicted.file, "--out", "p.vtkhdf", "--correct", "0")
@@ -174,8 +193,26 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert called.given == ("press.toml", [], Path("pareto"))
     del called.named["say"]
     assert called.named == {"count": 5, "split": "test", "refined": None, "repeats": 3}
-    spoken(capsys, "pareto", "data", "--run", "a", "b", "--run", "c", "--count", "9", "--split", "train", "--refined", "0", "--repeats", "1",
-           "--out", "x")
+    spoken(
+        capsys,
+        "pareto",
+        "data",
+        "--run",
+        "a",
+        "b",
+        "--run",
+        "c",
+        "--count",
+        "9",
+        "--split",
+        "train",
+        "--refined",
+        "0",
+        "--repeats",
+        "1",
+        "--out",
+        "x",
+    )
     assert called.given == ("data", ["a", "b", "c"], Path("x"))
     called.named["say"]("a line")
     assert capsys.readouterr().out == "a line\n"
