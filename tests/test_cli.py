@@ -11,7 +11,6 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 import fidelity
 from datagen.files.trajectory import read_trajectory, write_trajectory
-from learning import demo
 from tests.synthetic import bending
 
 ROOT = Path(__file__).parent.parent
@@ -115,15 +114,15 @@ def test_a_failed_simulation_keeps_its_steps(capsys, scene, tmp_path):
 
 
 def test_the_line_from_family_to_rollout(capsys, tmp_path):
-    (tmp_path / "family.toml").write_text(SCENE.replace("length = 0.06", "length = { uniform = [0.05, 0.06] }")
-                                          .replace("[0.05, 0.01, 0.0305], [0.05, 0.01, 0.02]",
-                                                   "[0.045, 0.01, 0.0305], [0.045, 0.01, 0.025]"))
+    small = SCENE.replace("length = 0.06", "length = { uniform = [0.05, 0.06] }").replace("count = 10", "count = 4")
+    small = small.replace("[0.05, 0.01, 0.0305], [0.05, 0.01, 0.02]", "[0.045, 0.01, 0.0305], [0.045, 0.01, 0.025]")
+    (tmp_path / "family.toml").write_text(small + "[splits]\ntrain = 1\nvalid = 1\ntest = 1\n")
     data, trained = tmp_path / "data", tmp_path / "run"
-    run_json(capsys, "generate", tmp_path / "family.toml", "--out", data, "--count", "5", "--workers", "1")
+    run_json(capsys, "generate", tmp_path / "family.toml", "--out", data, "--workers", "1")
     assert run(capsys, "dataset", "check", data)[0] == 0
     first = data / "train" / "0000.vtkhdf"
     result = run_json(capsys, "segment", first, "--segments", "4")
-    assert len(result["nodes"]) == 4 == result["segments"] and min(result["nodes"]) > 0
+    assert len(result["nodes"]) == 4 == result["segments"] and sum(result["nodes"]) == 7 * 3 * 3 and min(result["nodes"]) > 0
     assert run(capsys, "dataset", "check", data)[0] == 0  # segments are no part of what is checked
     (tmp_path / "config.toml").write_text("segments = 4\nsteps = 4\nbatch_size = 1\nvalidate_every = 2\n[network]\nhidden = 8\n"
                                           "message_steps = 1\ntransformer_layers = 1\nheads = 2\n")
@@ -131,22 +130,34 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
     assert result["steps"] == 2
     result = run_json(capsys, "train", tmp_path / "config.toml", "--data", data, "--out", trained, "--resume")
     assert result["steps"] == 4
+    truth = read_trajectory(first)
+
+    def apart(path):
+        """Root mean square distance of free nodes over all steps, by plain loops."""
+        other = read_trajectory(path)
+        squares = [float(np.sum((other.displacement[t, i].astype(float) - truth.displacement[t, i]) ** 2))
+                   for t in range(1, 5) for i in np.flatnonzero(truth.free)]
+        return np.sqrt(np.mean(squares))
+
     result = run_json(capsys, "rollout", trained, first, "--out", tmp_path / "p.vtkhdf")
-    assert result["steps"] == 10 and result["rmse_all"] > 0
+    assert result["steps"] == 4 and result["rmse_all"] == pytest.approx(apart(tmp_path / "p.vtkhdf"), rel=1e-5)
     better = run_json(capsys, "rollout", trained, first, "--out", tmp_path / "c.vtkhdf", "--correct", "3")
     assert better["rmse_all"] < 0.01 * result["rmse_all"]  # however little the network has learned
-    result = run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first, "--out", tmp_path / "verified")
-    assert result["rmse_all"] == pytest.approx(run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first)["rmse_all"])
-    assert {"rmse_1_pooled", "gf_h", "energy_error", "reaction_error", "estimated_error", "worst_step"} <= result.keys()
+    verified = run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first, "--out", tmp_path / "verified")
+    assert verified["rmse_all"] == pytest.approx(result["rmse_all"], rel=1e-5)
+    assert verified["rmse_all"] == pytest.approx(run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first)["rmse_all"])
+    assert {"rmse_1_pooled", "gf_h", "energy_error", "reaction_error", "estimated_error", "worst_step"} <= verified.keys()
     assert (tmp_path / "verified" / "worst.png").stat().st_size > 1000
     result = run_json(capsys, "view", tmp_path / "p.vtkhdf", "--out", tmp_path / "film.gif")
-    assert result["pictures"] == 11 and (tmp_path / "film.gif").stat().st_size > 10_000
+    assert result["pictures"] == 5 and (tmp_path / "film.gif").stat().st_size > 5_000
     result = run_json(capsys, "pareto", data, "--run", trained, "--out", tmp_path / "pareto", "--split", "train", "--count", "1",
-                      "--repeats", "1")
-    assert {"M4GN", "M4GN, 1 Newton step", "M4GN, as the start of Newton", "reduced-order model"} <= {row["name"] for row in result["rows"]}
+                      "--repeats", "1", "--refined", "0")
+    scores = {row["name"]: row["scores"] for row in result["rows"]}
+    assert {"M4GN", "M4GN, 1 Newton step", "M4GN, as the start of Newton", "reduced-order model"} <= scores.keys()
+    assert scores["M4GN"]["rmse_all"] == pytest.approx(apart(tmp_path / "p.vtkhdf"), rel=1e-3)  # float32, on another number of threads
     assert result["outside"].keys() == {"0000"} and (tmp_path / "pareto" / "table.csv").exists()
-    with h5py.File(first, "r+") as file:
-        file["VTKHDF/PointData/displacement"][500, 2] += 1e-3
+    with h5py.File(first, "r+") as file:  # of the last frame a free node
+        file["VTKHDF/PointData/displacement"][4 * len(truth.points) + np.flatnonzero(truth.free)[20], 2] += 1e-3
     status, _, err = run(capsys, "dataset", "check", data)
     assert status == 1 and "0000.vtkhdf" in err
     status, out, err = run(capsys, "dataset", "check", data, "--json")
@@ -171,19 +182,6 @@ def test_a_data_set_by_its_verbs(capsys, tmp_path):
     assert run_json(capsys, "dataset", "export", data, "--out", tmp_path / "records")["trajectories"] == 3
     assert run_json(capsys, "dataset", "import", tmp_path / "records", "--out", tmp_path / "back")["trajectories"] == 3
     assert run_json(capsys, "dataset", "check", tmp_path / "back") == {"problems": []}
-
-
-def test_demo_with_little_training(capsys, tmp_path, monkeypatch):
-    """The whole demo; some hundred steps of training already beat that nothing moves."""
-    said = []
-    result = demo.run(tmp_path / "demo", say=said.append, training_steps=800)
-    text = "\n".join(said)
-    assert "Euler-Bernoulli" in text and "12 trajectories" in text
-    rows = {row["name"]: row["scores"]["rmse_all"] for row in result["rows"]}
-    assert rows["M4GN"] < rows["nothing moves"]
-    assert 0 < rows["FE, cells halved"] < rows["FE, cells halved twice"]
-    for name in ("report.md", "report.html", "report.json", "table.csv", "pareto.png", "frame_0000.png"):
-        assert (tmp_path / "demo" / "report" / name).stat().st_size > 100
 
 
 @pytest.mark.parametrize("arguments, words", [

@@ -239,17 +239,6 @@ def test_the_configs_in_the_package_are_valid(name):
         assert config == TrainConfig(overlap=1)
 
 
-def test_tensorboard_has_the_same_curve(run, files, tmp_path):
-    pytest.importorskip("tensorboard", reason="the curve goes to TensorBoard where that is installed")
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-    train(CONFIG, files["train"], files["valid"], tmp_path)
-    board = EventAccumulator(str(tmp_path)).Reload()
-    told = [(line["step"], line["error"]) for line in curve_of(tmp_path) if "error" in line]
-    assert len(told) == 2 and [event.step for event in board.Scalars("error")] == [step for step, _ in told]
-    assert [event.value for event in board.Scalars("error")] == pytest.approx([error for _, error in told], rel=1e-6)  # float32
-
-
 # several processes
 
 def test_two_processes_train_the_network_of_one(files, tmp_path):

@@ -9,9 +9,9 @@ import pytest
 import scipy.linalg
 
 from physics.linalg.eigen import Pairs
-from physics.modes.laplacian import laplacian_modes
 from physics.mesh.build import build_mesh
 from physics.modes.elastic import _first_bending, _rigid_motions, amplitudes, elastic_modes, elastic_problem, remarks
+from physics.modes.laplacian import laplacian_modes
 from physics.scene import read_body, read_scene
 from tests.scenes import beam
 from tests.test_physics_modes import two_cubes

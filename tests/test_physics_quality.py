@@ -15,7 +15,7 @@ from physics.mesh.mesh import Mesh
 from physics.scene import Body
 from physics.schema import InputError
 
-CELLS = ("prism", "tetrahedron", "hexahedron")
+SOLID = ("prism", "tetrahedron", "hexahedron")
 
 
 def beam(cell: str, cells=(6, 3, 3)) -> Mesh:
@@ -78,7 +78,7 @@ def test_distances_of_node_sets_equal_those_of_scipy():
     assert quality.set_distances(a, b) == (np.inf, np.inf)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", SOLID)
 def test_volumes_fill_the_box_however_the_inner_nodes_lie(cell):
     mesh = beam(cell)
     volumes = quality.cell_volumes(shaken(mesh), mesh.cells, cell)
@@ -86,7 +86,7 @@ def test_volumes_fill_the_box_however_the_inner_nodes_lie(cell):
     assert volumes.sum() == pytest.approx(0.06 * 0.03 * 0.03, rel=1e-13)  # exact integration: rounding only
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", SOLID)
 def test_volumes_equal_those_of_vtk_on_cells_with_plane_sides(cell):
     mesh = beam(cell)  # with curved sides VTK's volumes are not those of the isoparametric map
     points = mesh.points @ np.array([[1.1, 0.2, 0], [0.1, 0.9, 0.3], [0, 0.1, 1.2]])
@@ -94,7 +94,7 @@ def test_volumes_equal_those_of_vtk_on_cells_with_plane_sides(cell):
     np.testing.assert_allclose(quality.cell_volumes(points, mesh.cells, cell), expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", SOLID)
 def test_scaled_jacobian_equals_vtk(cell):
     mesh = beam(cell)
     points = shaken(mesh)
@@ -104,7 +104,7 @@ def test_scaled_jacobian_equals_vtk(cell):
     assert quality.scaled_jacobian(ideal, np.arange(len(ideal))[None], cell) == pytest.approx(1, rel=1e-14)
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", SOLID)
 def test_det_f_of_a_uniform_stretch_is_the_product_of_the_stretches_on_distorted_cells(cell):
     mesh = beam(cell)
     rest = shaken(mesh)
@@ -133,7 +133,7 @@ def test_det_f_of_bending_and_of_a_single_bad_corner():
     assert quality.inverted_cells(mesh.points, pushed, mesh.cells, "prism") == touching.sum()
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", SOLID)
 def test_mirrored_and_broken_cells_count_as_inverted(cell):
     mesh = beam(cell)
     mirror = mesh.points * (-2, 0, 0)
@@ -159,7 +159,7 @@ def test_mesh_continuity_of_a_row_of_hexahedra_is_known_by_hand():
     assert quality.mesh_continuity(alone.points, alone.cells, "hexahedron") == 1
 
 
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", SOLID)
 def test_mesh_continuity_equals_a_plain_loop(cell):
     mesh = beam(cell, (3, 2, 2))
     points = shaken(mesh, 0.3)

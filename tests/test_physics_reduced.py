@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from physics.fidelity.verify import Checker
+from physics.mesh.build import build_mesh
 from physics.reduced import model as reduced
 from physics.reduced.model import Reduced
 from physics.solution import solve
@@ -62,3 +63,10 @@ def test_equilibria_do_not_depend_on_the_steps_to_them(case):
     few, many = (Reduced(scene, solution.mesh).path(steps)[-1] for steps in (4, 20))
     # Each ends when a change is below 2e-4 of a cell of 5 mm; what remains is about that, times the rate of convergence.
     assert abs(few - many).max() < 5e-6
+
+
+def test_a_step_that_turns_a_cell_inside_out_is_taken_in_halves():
+    """Coarse cells, pressed by three of them in one step: Newton's way leads through states that have no energy."""
+    scene = pressed(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [6, 2, 2]})
+    once, tenfold = (Reduced(scene, build_mesh(scene.body)).path(steps)[-1] for steps in (1, 10))
+    assert abs(once - tenfold).max() < 2e-5  # each settles within 2e-4 of a cell of 10 mm and what its rate leaves; 20 mm of motion

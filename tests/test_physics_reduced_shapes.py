@@ -5,11 +5,11 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 
-from physics.reduced import model as reduced
-from physics.solution import solve
-from physics.mesh.build import build_mesh
 from physics.equilibrium.newton import NoEquilibrium
+from physics.mesh.build import build_mesh
+from physics.reduced import model as reduced
 from physics.reduced.model import Reduced
+from physics.solution import solve
 from tests.scenes import beam
 
 SMALL = {"length": 0.06, "width": 0.02, "height": 0.015, "cells": [3, 1, 1], "cell": "hexahedron"}

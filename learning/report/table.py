@@ -158,7 +158,7 @@ def headline(report: Report) -> str:
     if better is None or learned is None:
         return "No learned simulator was measured beside \"nothing moves\"."
     n = len(report.cases)
-    than = f"{shown(better)} times as far off" if better > 1 else f"closer, {shown(better)} times as far off"
+    than = f"{shown(better)} times as far off" if better >= 1 else f"closer, {shown(better)} times as far off"
     said = (f"Over whole rollouts of {n} test {'trajectory' if n == 1 else 'trajectories'}, {learned.name} puts a free node "
             f"{shown(1e3 * learned.scores['rmse_all'])} mm from its true place (root mean square). To say that nothing "
             f"moves is <b>{than}</b>.")

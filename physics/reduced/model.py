@@ -141,8 +141,10 @@ class Reduced:
     def _renew(self, q: Floats, fraction: float) -> None:
         """The inverse (r, r) of the reduced tangent stiffness, by differences of the forces along each shape."""
         u, step = self._displacement(q, fraction), 1e-5 * self.balance.size
-        here = self._forces(u)
-        stiffness = np.array([self._forces(u + step * shape.reshape(-1, 3)) - here for shape in self.shapes.T]) / step
+        forces = np.array([self._forces(u), *(self._forces(u + step * shape.reshape(-1, 3)) for shape in self.shapes.T)])
+        if not np.isfinite(forces).all():
+            raise NoEquilibrium(f"the reduced model turns a cell inside out at {100 * fraction:.3g} % of the loading")
+        stiffness = (forces[1:] - forces[0]) / step
         self._inverse, self._excess = scipy.linalg.inv((stiffness + stiffness.T) / 2), 0
 
     def _modes(self, count: int) -> list[Floats]:

@@ -1,0 +1,311 @@
+"""The command line's own part: exit statuses, one line for what is wrong, numbers of modes and simulations from objects made by hand."""
+
+import argparse
+import importlib.util
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import fidelity
+from datagen.files.trajectory import read_trajectory, write_trajectory
+from physics.mesh.build import build_mesh
+from physics.scene import Body
+from physics.schema import InputError, WorkError
+from tests.scenes import beam
+from tests.synthetic import bending
+
+
+def called(capsys, *arguments):
+    """Status, standard output and standard error of a command."""
+    try:
+        status = fidelity.main([str(argument) for argument in arguments])
+    except SystemExit as stop:
+        status = stop.code
+    return status, *capsys.readouterr()
+
+
+@pytest.mark.parametrize("error, status, line", [
+    (InputError("a is wrong\nin two lines"), 2, "a is wrong in two lines"),
+    (RuntimeError("no way"), 1, "no way"),
+    (FloatingPointError("nan"), 1, "nan"),
+    (WorkError("half done"), 1, "half done"),
+    (MemoryError(), 1, "out of memory; finished files are kept"),
+    (OSError(28, "No space left on device", "x.vtkhdf"), 1, "x.vtkhdf: No space left on device"),
+    (OSError("odd"), 1, "cannot write: odd"),
+    (KeyboardInterrupt(), 130, "stopped; finished files are kept")])
+def test_every_failure_has_its_status_and_one_line(monkeypatch, capsys, error, status, line):
+    def fail(options):
+        raise error
+
+    monkeypatch.setattr(fidelity, "demo", fail)
+    for more in ([], ["--json"]):
+        assert called(capsys, "demo", *more) == (status, "", f"fidelity: {line}\n")
+
+
+def test_what_failed_work_can_tell_is_json_all_the_same(monkeypatch, capsys):
+    def fail(options):
+        raise WorkError("half done", {"done": float("inf"), "half": 0.5})
+
+    monkeypatch.setattr(fidelity, "demo", fail)
+    assert called(capsys, "demo", "--json") == (1, '{"done": null, "half": 0.5}\n', "fidelity: half done\n")
+    assert called(capsys, "demo") == (1, "", "fidelity: half done\n")
+
+
+def test_results_go_to_standard_output_only_as_json_and_without_nan(monkeypatch, capsys):
+    monkeypatch.setattr(fidelity, "demo", lambda options: fidelity._say(options, "a line") or {"x": float("nan"), "y": [1, float("-inf")]})
+    assert called(capsys, "demo") == (0, "a line\n", "")
+    assert called(capsys, "demo", "--json") == (0, '{"x": null, "y": [1, null]}\n', "a line\n")
+
+
+def test_the_demonstration_goes_to_a_folder_of_its_name(monkeypatch, capsys, tmp_path):
+    given = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("learning.demo.run", lambda out, say: given.append(out) or say("words") or {"a": 1})
+    assert called(capsys, "demo") == (0, "words\n", "") and called(capsys, "demo", "--out", "x")[0] == 0
+    assert given == [Path("demo"), Path("x")] and list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("function, good, bad", [
+    (fidelity._positive, {"1": 1, "20": 20}, ("0", "-1", "1.5", "a", "")),
+    (fidelity._count, {"0": 0, "1": 1, "7": 7}, ("-1", "00", "b", "1e3")),
+    (fidelity._seed, {"0": 0, "9223372036854775807": 2**63 - 1}, ("9223372036854775808", "-1", "1.0", ""))])
+def test_whole_numbers_have_their_bounds(function, good, bad):
+    assert {text: function(text) for text in good} == good
+    for text in bad:
+        with pytest.raises(argparse.ArgumentTypeError, match="not a whole number"):
+            function(text)
+
+
+def test_an_output_is_checked_before_and_nothing_is_left_of_the_check(tmp_path, monkeypatch):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file.gif").touch()
+    assert fidelity._writable(None) is None and fidelity._writable(None, ".gif") is None
+    assert fidelity._writable(str(tmp_path / "a" / "b" / "new.gif"), ".gif") == tmp_path / "a" / "b" / "new.gif"
+    assert fidelity._writable(tmp_path / "c" / "d") == tmp_path / "c" / "d"
+    assert fidelity._writable(tmp_path / "file.gif", ".png", ".gif") and fidelity._writable(tmp_path / "folder")
+    assert {path.name for path in tmp_path.rglob("*")} == {"folder", "file.gif"}
+    for path, suffixes, words in (("new.gif", (".png", ".vtu"), "the name must end in .png or .vtu"), ("folder", ("",), "is a folder"),
+                                  ("file.gif", (), "is not a folder"), ("file.gif/x", (), "Not a directory")):
+        with pytest.raises(InputError, match=f"--out .*{words}"):
+            fidelity._writable(tmp_path / path, *suffixes)
+    assert {path.name for path in tmp_path.rglob("*")} == {"folder", "file.gif"}
+
+
+# modes
+
+def modes_found(elastic: bool):
+    mesh = build_mesh(Body(length=0.03, width=0.02, height=0.02, cells=(1, 1, 1)))
+    shapes = np.arange(2 * 8 * 3.0).reshape(2, 8, 3) if elastic else np.arange(16.0).reshape(2, 8)
+    values = {"frequencies_hz": (10.0, 25.5)} if elastic else {"eigenvalues": np.array([3.0, 4.5])}
+    return SimpleNamespace(
+        mesh=mesh,
+        shapes=shapes,
+        pictured=shapes,
+        residuals=np.array([1e-9, 2e-9]),
+        dofs=24,
+        seconds=1.5,
+        cells="1 cell",
+        solver="dense",
+        clusters=[(0, 1)],
+        remarks=("nothing of note",),
+        report={"frequencies": "theirs"},
+        **values,
+    )
+
+
+def test_modes_are_told_in_their_unit_counted_from_one(monkeypatch, capsys):
+    monkeypatch.setattr(fidelity, "_elastic", lambda options: modes_found(True))
+    monkeypatch.setattr(fidelity, "_laplacian", lambda options: modes_found(False))
+    rest = {"residuals": [1e-9, 2e-9], "dofs": 24, "seconds": 1.5, "cells": "1 cell", "solver": "dense", "clusters": [[1, 2]],
+            "remarks": ["nothing of note"], "frequencies": "theirs"}
+    for kind, first in (
+        ("elastic", "mode   1            10 Hz  residual 1.0e-09"),
+        ("laplacian", "mode   1             3 1/m2  residual 1.0e-09"),
+    ):
+        status, out, _ = called(capsys, "modes", "s.toml", "--kind", kind)
+        assert status == 0 and out.splitlines()[0] == first and out.splitlines()[2:] == ["24 unknowns, 1 cell; dense", "nothing of note"]
+        assert json.loads(called(capsys, "modes", "s.toml", "--kind", kind, "--json")[1]) == {"kind": kind, **rest}
+
+
+def test_shapes_of_modes_stand_in_their_file(monkeypatch, capsys, tmp_path):
+    import meshio
+
+    monkeypatch.setattr(fidelity, "_elastic", lambda options: modes_found(True))
+    monkeypatch.setattr(fidelity, "_laplacian", lambda options: modes_found(False))
+    (tmp_path / "s.toml").write_text(beam().to_toml())
+    assert called(capsys, "modes", tmp_path / "s.toml", "--out", tmp_path / "e.vtu")[1].endswith(f"shapes: {tmp_path / 'e.vtu'}\n")
+    data = meshio.read(tmp_path / "e.vtu").point_data
+    assert list(data) == ["mode_1", "mode_2"] and np.array_equal(data["mode_2"], modes_found(True).shapes[1])
+    called(capsys, "modes", tmp_path / "s.toml", "--out", tmp_path / "e.vtkhdf")
+    kept = read_trajectory(tmp_path / "e.vtkhdf")
+    assert np.array_equal(kept.modes, modes_found(True).shapes) and kept.frequencies_hz == (10.0, 25.5) and "[body]" in kept.scene
+    called(capsys, "modes", tmp_path / "s.toml", "--kind", "laplacian", "--out", tmp_path / "l.vtkhdf")
+    kept = read_trajectory(tmp_path / "l.vtkhdf")  # a value is kept as a height
+    assert np.array_equal(kept.modes[:, :, 2], modes_found(False).shapes) and not kept.modes[:, :, :2].any()
+    assert kept.extra["laplacian_eigenvalues"] == [3.0, 4.5] and kept.frequencies_hz == ()
+
+
+def test_pictures_of_modes_are_named_by_value_and_unit(monkeypatch, capsys, tmp_path):
+    given = []
+    monkeypatch.setattr(fidelity, "_elastic", lambda options: modes_found(True))
+    monkeypatch.setattr(fidelity, "_laplacian", lambda options: modes_found(False))
+    monkeypatch.setattr("physics.view.mode_pictures", lambda folder, mesh, shapes, names: given.append((folder, names)) or ["a", "b"])
+    status, out, _ = called(capsys, "modes", "s.toml", "--picture", tmp_path / "p")
+    assert status == 0 and out.endswith(f"2 pictures: {tmp_path / 'p'}\n")
+    assert json.loads(called(capsys, "modes", "s.toml", "--picture", tmp_path / "p", "--kind", "laplacian", "--json")[1])["pictures"] == [
+        "a",
+        "b",
+    ]
+    assert given == [(tmp_path / "p", ["f = 10 Hz", "f = 25.5 Hz"]), (tmp_path / "p", ["lambda = 3 1/m2", "lambda = 4.5 1/m2"])]
+
+
+def test_elastic_modes_want_a_scene_and_no_held_places(capsys, tmp_path):
+    status, _, err = called(capsys, "modes", tmp_path / "s.vtu")
+    assert status == 2 and "elastic modes need a scene (.toml)" in err
+    status, _, err = called(capsys, "modes", "s.toml", "--dirichlet", "x")
+    assert status == 2 and "--dirichlet is for --kind laplacian" in err
+
+
+@pytest.mark.parametrize(
+    "given, names", [([], None), (["--dirichlet", "none"], []), (["--dirichlet", " inlet, ,hole "], ["inlet", "hole"])]
+)
+def test_places_held_to_zero_are_a_list_with_commas(monkeypatch, capsys, given, names):
+    asked = {}
+    monkeypatch.setattr("physics.scene.load_body", lambda path: "body")
+    monkeypatch.setattr("physics.modes.laplacian.laplacian_modes", lambda body, **how: asked.update(how, body=body) or modes_found(False))
+    assert called(capsys, "modes", "s.toml", "--kind", "laplacian", "--count", "7", *given)[0] == 0
+    assert asked == {"body": "body", "count": 7, "dirichlet": names, "spread": False}
+
+
+# simulate
+
+@pytest.fixture
+def solved(monkeypatch, tmp_path):
+    """simulate with a solution made by hand: 4 steps in 2 s, the largest and smallest of each figure in the middle."""
+    (tmp_path / "s.toml").write_text(beam().to_toml())
+    solution = SimpleNamespace(
+        displacement=np.zeros((5, 8, 3)),
+        seconds=2.0,
+        newton_iterations=np.array([0, 1, 2, 3, 5]),
+        factorisations=6,
+        failure="",
+        resumed=0,
+        relative_residual=np.array([0, 1e-8, 5e-7, 1e-9, 0]),
+        penetration=np.array([0, 1e-6, 3e-5, 2e-6, 0]),
+        smallest_det_f=np.array([1, 0.9, 0.75, 0.8, 0.95]),
+        reaction=np.array([[9.0, 0, 0], [0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]]),
+        linear_steps=2,
+    )
+    monkeypatch.setattr("physics.solution.solve", lambda scene, **how: solution)
+    monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: SimpleNamespace(extra={"model": {"inertia": "left out"}}))
+    written = []
+    monkeypatch.setattr("datagen.files.trajectory.write_trajectory", lambda path, trajectory: written.append(path))
+    return SimpleNamespace(
+        solution=solution, scene=tmp_path / "s.toml", out=tmp_path / "t.vtkhdf", part=tmp_path / "t.vtkhdf.part", written=written
+    )
+
+
+def test_a_simulation_is_told_by_its_extremes_and_sums(solved, capsys):
+    solved.part.touch()
+    result = json.loads(called(capsys, "simulate", solved.scene, "--out", solved.out, "--json")[1])
+    assert result == {"steps": 4, "ms_per_step": 500.0, "newton_iterations": 11, "factorisations": 6, "largest_relative_residual": 5e-7,
+                      "largest_penetration": 3e-5, "smallest_det_f": 0.75, "reaction": [[0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]],
+                      "model": {"inertia": "left out"}, "linear_steps": 2, "seconds": 2.0, "resumed_after_step": 0}
+    assert solved.written == [solved.out] and not solved.part.exists()  # the journal of a whole run is not needed any more
+    assert called(capsys, "simulate", solved.scene, "--out", solved.out) == (
+        0, f"4 steps in 2.00 s, 11 Newton steps, 6 factorisations, largest reaction 50.5 N: {solved.out}\n  inertia: left out\n", "")
+
+
+def test_a_simulation_that_fails_says_what_is_kept_and_keeps_its_journal(solved, capsys):
+    solved.part.touch()
+    solved.solution.failure, solved.solution.resumed = "no equilibrium at step 5", 3
+    status, out, err = called(capsys, "simulate", solved.scene, "--out", solved.out)
+    assert (status, out) == (1, "went on after step 3, which an earlier run had reached\n") and err == (
+        f"fidelity: no equilibrium at step 5; the 4 steps before it are in {solved.out}; the same call tries again from there, without "
+        "t.vtkhdf.part from the start\n")
+    assert solved.part.exists() and solved.written == [solved.out]
+
+
+def test_simulate_takes_solid_bodies_of_first_order(capsys, tmp_path):
+    (tmp_path / "s.toml").write_text(beam(body={"length": 0.1, "width": 0.02, "height": 0.02, "cells": [2, 2, 2], "cell": "hexahedron",
+                                                "order": 2}).to_toml())
+    status, _, err = called(capsys, "simulate", tmp_path / "s.toml", "--out", tmp_path / "t.vtkhdf")
+    assert status == 2 and "simulate takes solid bodies of first order" in err
+
+
+# the other verbs
+
+def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
+    given = {}
+    monkeypatch.setattr("datagen.family.family.load_family", lambda name: name)
+    monkeypatch.setattr("datagen.family.family.counts", lambda family, count, split: (count, split))
+    monkeypatch.setattr(
+        "datagen.sets.generate.generate", lambda family, wanted, out, **how: given.update(how, all=(family, wanted, out)) or {"new": 3}
+    )
+    assert called(capsys, "generate", "beam", "--out", tmp_path / "d") == (0, f"new 3: {tmp_path / 'd'}\n", "")
+    assert given == {"all": ("beam", (None, None), tmp_path / "d"), "seed": 0, "workers": None, "cluster": "", "time_limit": float("inf")}
+    assert called(capsys, "generate", "beam", "--out", tmp_path / "d", "--count", "4", "--split", "test", "--seed", "9", "--workers", "2",
+                  "--cluster", "tcp://x", "--time-limit", "1.5")[0] == 0
+    assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tcp://x", "time_limit": 1.5}
+    monkeypatch.setattr("datagen.sets.plan.planned", lambda family, wanted, seed: {"count": 3, "nodes": {"mean": 81.5, "min": 60.0}, "of": seed})
+    assert called(capsys, "generate", "beam", "--dry-run", "--seed", "5")[1].splitlines() == [
+        "count           3", "nodes           mean 81.5, min 60", "of              5"]
+    status, _, err = called(capsys, "generate", "beam")
+    assert status == 2 and "--out: give the folder, or --dry-run" in err
+
+
+def test_verify_prints_its_figures_with_six_digits(monkeypatch, capsys, tmp_path):
+    given = []
+    monkeypatch.setattr(
+        "datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.23456789e-4, "mc": 2.0}
+    )
+    assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1].splitlines() == [
+        "rmse_all             0.000123457", "mc                   2"]
+    assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmse_all": 1.23456789e-4, "mc": 2.0}
+    assert given == [("p", "r", tmp_path / "o"), ("p", "r", None)]
+
+
+def test_a_film_lies_beside_its_trajectory_and_shows_the_body_and_its_obstacle(monkeypatch, capsys, tmp_path):
+    given = []
+    monkeypatch.setattr("physics.view.film", lambda out, mesh, u, obstacle: given.append((out, mesh, u, obstacle)) or 7)
+    trajectory = bending(steps=3)
+    write_trajectory(tmp_path / "t.vtkhdf", trajectory)
+    assert called(capsys, "view", tmp_path / "t.vtkhdf")[1] == f"7 pictures: {tmp_path / 't.gif'}\n"
+    result = json.loads(called(capsys, "view", tmp_path / "t.vtkhdf", "--out", tmp_path / "x.gif", "--json")[1])
+    assert result == {"pictures": 7, "out": str(tmp_path / "x.gif")} and [entry[0].name for entry in given] == ["t.gif", "x.gif"]
+    _, mesh, u, obstacle = given[0]
+    assert np.array_equal(u, trajectory.displacement[:, trajectory.body]) and len(mesh.points) == 99
+    assert np.array_equal(obstacle.points, trajectory.obstacle[0]) and np.array_equal(obstacle.triangles, trajectory.obstacle[1])
+    assert called(capsys, "view", tmp_path / "t.vtkhdf", "--out", tmp_path / "x.png")[0] == 2
+
+
+# processes
+
+@pytest.mark.parametrize(
+    "given, verb, words",
+    [
+        ({"WORLD_SIZE": "2", "RANK": "0"}, "simulate", "simulate runs as one process"),
+        ({"OMPI_COMM_WORLD_SIZE": "2"}, "view", "view runs as one process"),
+        ({"OMPI_COMM_WORLD_SIZE": "2", "OMPI_COMM_WORLD_RANK": "1"}, "view", ""),
+        ({"PMI_SIZE": "2", "PMI_RANK": "1"}, "view", ""),
+        ({"PMI_SIZE": "3"}, "view", "view runs as one process"),
+        ({}, "view", "no such file"),
+        ({"WORLD_SIZE": "1"}, "view", "no such file"),
+    ],
+)
+def test_only_the_first_of_several_processes_speaks(capsys, monkeypatch, tmp_path, given, verb, words):
+    """What mpirun and torchrun leave in the environment is read when the program starts: by a fresh copy of it."""
+    for key in ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK", "PMI_SIZE", "PMI_RANK", "RANK", "WORLD_SIZE"):
+        monkeypatch.delenv(key, raising=False)
+    for key, value in given.items():
+        monkeypatch.setenv(key, value)
+    spec = importlib.util.spec_from_file_location("fresh", fidelity.__file__)
+    fresh = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(fresh)
+    status = fresh.main([verb, str(tmp_path / "none.vtkhdf")] + (["--out", str(tmp_path / "t.vtkhdf")] if verb == "simulate" else []))
+    out, err = capsys.readouterr()
+    assert status == 2 and out == ""
+    assert (words in err and err.count("\n") == 1) if words else err == ""
