@@ -1,4 +1,4 @@
-"""The verification table of the README: computed values beside exact or published ones.
+"""The table of modes in docs/verification.md: computed values beside exact or published ones.
 
     .venv/bin/python benchmarks/verify_modes.py
 """

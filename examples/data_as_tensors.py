@@ -1,6 +1,7 @@
 """Data as torch tensors in three lines, and a law that they obey: the work of the obstacle is the energy of the body.
 
-The 24 small beams come with the program, packed. Sets of your own come from `generate` (docs/data.md), as files of the same kind.
+The 24 small beams come with the program, packed. Sets of your own come from `generate` (docs/data.md), as files of the
+same kind.
 """
 
 from pathlib import Path

@@ -1,6 +1,7 @@
 """The patch test of contact: a flat plate presses a block, and the block feels one and the same stress everywhere.
 
-Without friction the block shortens evenly, sigma = E strain, whatever the mesh. Nodal contact without care gets this wrong at edges and corners.
+Without friction the block shortens evenly, sigma = E strain, whatever the mesh. Nodal contact without care gets this
+wrong at edges and corners.
 """
 
 import numpy as np

@@ -1,8 +1,9 @@
 """A torch model of your own, trained on a trajectory and held against the equations.
 
-The model is deliberately plain: a few numbers for each frame, turned into displacements by a linear layer. What matters is the end: its
-predictions on frames that it has not seen are written as a file like any other, and `verify_files` says how far they are from the truth and,
-without looking at the truth, how far the equations think they are. The ratio of the two, the effectivity, is near 1 when that may be believed.
+The model is deliberately plain: a few numbers for each frame, turned into displacements by a linear layer. What matters
+is the end: its predictions on frames that it has not seen are written as a file like any other, and `verify_files` says
+how far they are from the truth and, without looking at the truth, how far the equations think they are. The ratio of
+the two, the effectivity, is near 1 when that may be believed.
 """
 
 from dataclasses import replace

@@ -1,7 +1,8 @@
 """A part of your own, from a gmsh file, pressed by a sphere: the work of the sphere is what the part stores.
 
-gmsh or a CAD program would write the file; here meshio does, so that the example needs neither: an L-shaped bracket of hexahedra with two
-physical groups, "foot" (a surface) and "bracket" (the volume). The groups are the places that a scene may name.
+gmsh or a CAD program would write the file; here meshio does, so that the example needs neither: an L-shaped bracket of
+hexahedra with two physical groups, "foot" (a surface) and "bracket" (the volume). The groups are the places that a
+scene may name.
 """
 
 import meshio

@@ -1,7 +1,8 @@
 """An elastic body remembers nothing: on the way back the obstacle feels the forces of the way in.
 
-The path of the obstacle comes from a CSV file, as a robot or a testing machine would log it. Its rows are way-points that are reached at equal
-fractions of the steps. Here a cylinder goes 8 mm down onto a beam and comes back the same way.
+The path of the obstacle comes from a CSV file, as a robot or a testing machine would log it. Its rows are way-points
+that are reached at equal fractions of the steps. Here a cylinder goes 8 mm down onto a beam and comes back the same
+way.
 """
 
 from pathlib import Path

@@ -4,8 +4,8 @@ For a Saint-Venant-Kirchhoff bar that is free to become thinner the force over t
 
     P = E / 2 s (s^2 - 1),
 
-three times E at s = 2, where Hooke's law for small strain would say E. Its section has shrunk to 1 - nu (s^2 - 1) of itself by then, a
-tenth, so the stress in it is ten times as large.
+three times E at s = 2, where Hooke's law for small strain would say E. Its section has shrunk to 1 - nu (s^2 - 1) of
+itself by then, a tenth, so the stress in it is ten times as large.
 """
 
 from physics import read_scene, solve, von_mises

@@ -1,7 +1,7 @@
 """A load that acts at once moves a body twice as far as one that grows slowly.
 
-A cantilever is loaded by its own weight. Through equilibria it comes to rest at a deflection w; let go at once, with inertia, it swings between
-zero and nearly 2 w, for almost all of the motion is in the first mode.
+A cantilever is loaded by its own weight. Through equilibria it comes to rest at a deflection w; let go at once, with
+inertia, it swings between zero and nearly 2 w, for almost all of the motion is in the first mode.
 """
 
 from physics import elastic_modes, read_scene, solve

@@ -1,7 +1,7 @@
 """How far does the end of a cantilever sink under a load? Beam theory says w = P L^3 / (3 E I).
 
-A beam of 100 x 5 x 5 mm is clamped at one end and loaded by a traction on the other, so gently that linear elasticity is enough. First-order
-prisms bend too stiffly; the element "reduced" lets them bend as they should (docs/elements.md).
+A beam of 100 x 5 x 5 mm is clamped at one end and loaded by a traction on the other, so gently that linear elasticity
+is enough. First-order prisms bend too stiffly; the element "reduced" lets them bend as they should (docs/elements.md).
 """
 
 from physics import read_scene, solve

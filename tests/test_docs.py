@@ -3,7 +3,6 @@
 import importlib
 import re
 import shlex
-import sys
 import tomllib
 from pathlib import Path
 
@@ -59,16 +58,15 @@ def test_every_picture_is_shown():
 
 
 def test_the_readme_can_be_read_in_ten_minutes():
-    assert 110 <= len((ROOT / "README.md").read_text().splitlines()) <= 150
+    assert 120 <= len((ROOT / "README.md").read_text().splitlines()) <= 150
 
 
 @pytest.mark.parametrize("command", sorted({command for page in PAGES for command in commands(page)}))
-def test_a_command_is_one_that_there_is(command, monkeypatch):
+def test_a_command_is_one_that_there_is(command):
     words = shlex.split(command.split(" | ")[0])
     if words[0] == "mpirun":
         words = words[3:]
     if words[:2] == ["./run", "fidelity"]:
-        monkeypatch.setattr(sys, "stderr", sys.__stderr__)
         assert fidelity._parser().parse_args(words[2:]).verb == words[2]
     elif words[:2] == ["./run", "test"]:
         assert all((ROOT / word).exists() for word in words[2:] if word.startswith("tests/"))
