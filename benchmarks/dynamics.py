@@ -1,4 +1,4 @@
-"""What motion keeps, what it loses and what it costs: the table of the README.
+"""What motion keeps, what it loses and what it costs: the table of motion in docs/verification.md.
 
     .venv/bin/python benchmarks/dynamics.py
 """

@@ -1,4 +1,4 @@
-"""The hard cases of the equilibrium solver, as the table in the README; the cases stand in tests/hard_cases.py.
+"""The hard cases of the equilibrium solver, as the table in docs/verification.md; the cases stand in tests/hard_cases.py.
 
     .venv/bin/python benchmarks/hard_cases.py               about a minute
     .venv/bin/python benchmarks/hard_cases.py column arch   those whose name has one of these words in it

@@ -1,4 +1,4 @@
-"""The hard cases of the equilibrium solver, each with what it is held against; for the tests and for the table in the README.
+"""The hard cases of the equilibrium solver, each with what it is held against; for the tests and for the table in docs/verification.md.
 
 `CASES` has a function for each; it solves and returns a `Row`. The error is relative to the largest value of what is compared;
 `limit` bounds it for the reason given in the comment beside it. Legend: N nodes, T frames.
