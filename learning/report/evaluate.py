@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from datagen.files.prediction import read_truth
 from datagen.sets.generate import commit, versions
-from learning.prediction.checkpoint import Model, load_model, read_state
+from learning.prediction.checkpoint import Model, load_model, read_checkpoint
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
@@ -136,7 +136,7 @@ def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, re
         "timing": f"processor time of one process, one predictor after the other on each scene; {timed}",
     }
     for run, model in runs.items():
-        about = read_state(Path(run) / "model.safetensors").about
+        about = read_checkpoint(Path(run) / "model.safetensors").about
         facts[f"network {Path(run).name}"] = (
             f"M4GN from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
             f"{about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
