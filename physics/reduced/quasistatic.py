@@ -53,7 +53,7 @@ STIFFNESS = 2e4  # of contact, in units of Young's modulus over the size of a ce
 
 @dataclass(frozen=True)
 class _Pressed:
-    """A body under the obstacle with its centre (3,): q (r,), local (N, 3) [m] beyond the small space, contact forces pressure (A,), push (M,)."""
+    """A body under the obstacle at a centre (3,): q (r,), local (N, 3) [m] beyond the small space; pressure (A,), push (M,) of contact."""
 
     centre: Floats
     q: Floats
