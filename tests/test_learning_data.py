@@ -133,8 +133,11 @@ def test_the_unit_of_an_estimate_without_forces_left_over_is_ten_nanometres():
     answer[2, FREE] = [3e-9, 0, 4e-9]  # 5 nm
     answer[3, [0, 2]] = 1.0  # on held nodes it counts for nothing
     case = replace(case, estimate=replace(case.estimate, answer=answer))
-    assert [unit_of(case, frame) for frame in (1, 2, 3, 4)] == pytest.approx([1e-8, 13e-9, 1e-8, 1e-8], rel=1e-6, abs=0)
-    assert unit_of(case_of(STEP), 1) == 1
+    units = [unit_of(case.estimate.at(frame)[1], case.skeleton.free) for frame in (1, 2, 3, 4)]
+    assert units == pytest.approx([1e-8, 13e-9, 1e-8, 1e-8], rel=1e-6, abs=0)
+    rest = np.zeros((9, 3))
+    assert [describe(case, frame, rest, rest, SCHEMES["pose+estimate"]).unit for frame in (1, 2, 3, 4)] == units
+    assert describe(case_of(STEP), 1, rest, rest, STEP).unit == 1
 
 
 # the normaliser

@@ -199,14 +199,6 @@ def test_words_of_lists_are_cut_after_four():
     assert module._range([3]) == "3" and module._range([3, 3, 7]) == "3 to 7"
 
 
-def test_the_processor_is_the_first_that_linux_names(monkeypatch):
-    texts = {"cpu": "processor : 0\nmodel name\t: Fast: 3 GHz \nmodel name\t: second\n", "none": "processor : 0\n"}
-    for text, name in ((texts["cpu"], "Fast: 3 GHz"), (texts["none"], "x86")):
-        monkeypatch.setattr(Path, "read_text", lambda self, text=text: text)
-        monkeypatch.setattr(module.platform, "machine", lambda: "x86")
-        assert module._processor() == name
-
-
 # sentences
 
 def limits(found: Measurement, *, cases=None, runs=None, spans=()):

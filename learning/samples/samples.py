@@ -158,9 +158,10 @@ def describe(example: Example, target: int, now: NDArray[np.floating], before: N
     """
     skeleton, free = example.skeleton, example.skeleton.free[:, None]  # (N, 1)
     given = example.trajectory.displacement[target].astype(np.float64)
-    base, unit = np.zeros_like(given), unit_of(example, target)
+    base, unit = np.zeros_like(given), 1.0
     if example.estimate is not None:
         base[:], answer = example.estimate.at(target)
+        unit = unit_of(answer, skeleton.free)
     if config.scheme == "pose":
         shown, velocity = np.where(free, base, given), np.zeros_like(given)
         known = velocity if example.estimate is None else answer / unit
@@ -176,12 +177,9 @@ def describe(example: Example, target: int, now: NDArray[np.floating], before: N
     return Sample(graph, base, unit)
 
 
-def unit_of(example: Example, target: int) -> float:
-    """The unit [m] of a frame's output: 1 without an estimate."""
-    if example.estimate is None:
-        return 1.0
-    answer = example.estimate.at(target)[1][example.skeleton.free].astype(np.float64)
-    return max(SMALLEST, float(np.sqrt((answer**2).sum(axis=1).mean())))
+def unit_of(answer: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
+    """The unit [m] of the output for a frame with an estimate, from the answer (N, 3) [m] to the forces that this leaves over."""
+    return max(SMALLEST, float(np.sqrt((answer[free].astype(np.float64)**2).sum(axis=1).mean())))
 
 
 def sample(example: Example, frame: int, config: TrainConfig, generator: torch.Generator) -> tuple[Graph, Tensor]:
@@ -265,7 +263,7 @@ def chances(examples: Sequence[Example]) -> Tensor | None:
     for example in examples:
         if example.estimate is None:
             return None
-        unit = np.array([unit_of(example, frame) for frame in example.targets.tolist()])
+        unit = np.array([unit_of(answer, example.skeleton.free) for answer in example.estimate.answer])
         shares.append(unit**2 / np.sqrt(np.mean(unit**2)))
     share = np.concatenate(shares)
     return torch.from_numpy(np.minimum(share / share.mean(), OFTENEST) + 1)
