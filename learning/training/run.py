@@ -52,16 +52,11 @@ class Run:
     optimizer: torch.optim.Optimizer
     generator: torch.Generator
 
-    def keep_best(self) -> None:
-        """Write what predicts: RUN/model.safetensors."""
-        weights = self.model.network.state_dict()
-        write_checkpoint(self.out / "model.safetensors", Checkpoint(vars(self.about), weights, self.model.normaliser, {}, None))
-
-    def keep_last(self) -> None:
-        """Write all that is needed to go on: RUN/last.safetensors."""
-        write_checkpoint(self.out / "last.safetensors", Checkpoint(
-            vars(self.about), self.model.network.state_dict(), self.model.normaliser, self.optimizer.state_dict()["state"],
-            self.generator.get_state()))
+    def keep(self, name: str, *, whole: bool = False) -> None:
+        """Write RUN/NAME.safetensors: what predicts; the whole: all that is needed to go on."""
+        adam, dice = (self.optimizer.state_dict()["state"], self.generator.get_state()) if whole else ({}, None)
+        saved = Checkpoint(vars(self.about), self.model.network.state_dict(), self.model.normaliser, adam, dice)
+        write_checkpoint(self.out / f"{name}.safetensors", saved)
 
 
 def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resume: bool) -> Run:

@@ -117,7 +117,7 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
                     _validate(run, examples_valid, curve)
                 about.seconds = group.agreed(time.perf_counter() - start)
                 if group.first:
-                    run.keep_last()
+                    run.keep("last", whole=True)
 
 
 def learning_rate(config: TrainConfig, done: float) -> float:
@@ -169,4 +169,4 @@ def _validate(run: Run, examples: Sequence[Example], curve: Curve) -> None:
     about.last_error = error
     if not examples or (error is not None and error < (about.best_error or math.inf)) or about.best_step is None:
         about.best_error, about.best_step = error, about.step
-        run.keep_best()
+        run.keep("model")
