@@ -38,7 +38,7 @@ from learning.config import TrainConfig
 from learning.graphs.graph import join
 from learning.networks.m4gn import M4GN
 from learning.prediction.checkpoint import load_model
-from learning.samples.samples import build_case, load_cases, sample
+from learning.samples.samples import build_example, load_examples, sample
 from learning.segments.features import METHODS
 from learning.segments.quality import segment_quality
 from learning.training.train import train
@@ -66,7 +66,7 @@ def variants(name: str) -> dict[str, TrainConfig]:
 
 def step_seconds(config: TrainConfig, path: Path) -> float:
     """[s] of processor time of one training step: samples, forward and backward pass."""
-    case, generator = load_cases([path], config)[0], torch.Generator().manual_seed(0)
+    case, generator = load_examples([path], config)[0], torch.Generator().manual_seed(0)
     frames = case.targets[np.linspace(0, len(case.targets) - 1, config.batch_size).astype(int)] - 1
     network, found = M4GN(config.network), []
     for _ in range(TIMED):
@@ -117,7 +117,7 @@ def main() -> None:
             runs = [run["network"] for run in found]
             quality, count = [], []
             for path in tests:
-                case = build_case(read_trajectory(path), replace(config, estimate=False))
+                case = build_example(read_trajectory(path), replace(config, estimate=False))
                 count.append(len(np.unique(case.skeleton.segment[case.trajectory.body])))
                 quality.append(segment_quality(case.trajectory, case.skeleton.segment)["silhouette"])
             rows[label] = {"runs": runs, "steps": steps, "ms_per_step": 1e3 * each, "segments": float(np.mean(count)),

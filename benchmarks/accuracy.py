@@ -27,7 +27,7 @@ from datagen.sets.dataset import files
 from learning.prediction.checkpoint import load_model
 from learning.prediction.rivals import keep_velocity, nothing_moves
 from learning.prediction.rollout import predict_step, rollout, walk
-from learning.samples.samples import CACHE, build_case
+from learning.samples.samples import CACHE, build_example
 from physics.mesh.quality import rmse
 
 torch.set_num_threads(1)
@@ -61,7 +61,7 @@ def errors(model, trajectory, every=1, kept=False):
     targets = np.unique(np.concatenate([frames, frames - 1]))
     blind = replace(trajectory, displacement=np.where(free[:, None], np.float32(0), truth))
     started = time.process_time()
-    case = build_case(blind, model.config, targets=targets[targets > 0], cache=CACHE if kept else None)
+    case = build_example(blind, model.config, targets=targets[targets > 0], cache=CACHE if kept else None)
     middle = time.process_time()
     path = walk(model, case)
     found["network"] = measured(path, single_steps(path, truth), truth, frames, free)

@@ -20,7 +20,7 @@ import numpy as np
 
 from datagen.sets.dataset import files
 from learning.prediction.checkpoint import load_model
-from learning.samples.samples import load_cases
+from learning.samples.samples import load_examples
 from physics.mesh.quality import rmse
 
 
@@ -35,7 +35,7 @@ def main():
     errors = [(line["seconds"], line["step"] * config.batch_size, line["error"]) for line in lines if line.get("error") is not None]
     level = None
     if config.estimate:
-        cases = load_cases(files(options.data, "valid"), config, walk=True)
+        cases = load_examples(files(options.data, "valid"), config, walk=True)
         level = np.mean([rmse(case.estimate.displacement, case.trajectory.displacement[case.targets], case.trajectory.free)
                          for case in cases])
         errors.insert(0, (0.0, 0, level))  # training begins with the estimate as it is

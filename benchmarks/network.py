@@ -37,7 +37,7 @@ from learning.config import TrainConfig
 from learning.graphs.graph import Graph, join
 from learning.networks.m4gn import M4GN, PRECISIONS, M4GNConfig, products
 from learning.prediction.memory import keep_freed_memory
-from learning.samples.samples import build_case, fit_normaliser, sample
+from learning.samples.samples import build_example, fit_normaliser, sample
 from tests import plain_m4gn
 from tests.synthetic import bending
 
@@ -53,7 +53,7 @@ Run = Callable[[], Tensor]
 def batch_of(cells: tuple[int, int, int], size: int) -> tuple[Graph, Tensor, Tensor]:
     """A normalised batch of some frames of one beam, which of its nodes are free, and its target (N, 3)."""
     config = TrainConfig(contact_radius=0.004)
-    case = build_case(bending(cells=cells), config)
+    case = build_example(bending(cells=cells), config)
     normaliser = fit_normaliser([case], config)
     generator = torch.Generator().manual_seed(0)
     samples = [sample(case, frame, config, generator) for frame in range(10 - size, 10)]

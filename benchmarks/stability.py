@@ -36,7 +36,7 @@ from datagen.sets.dataset import files
 from datagen.sets.generate import trajectory_of
 from learning.prediction.checkpoint import load_model
 from learning.prediction.rollout import walk
-from learning.samples.samples import build_case
+from learning.samples.samples import build_example
 from physics.fem import release
 from physics.mesh.quality import inverted_cells, rmse, smallest_det_f
 from physics.scene import read_scene
@@ -71,7 +71,7 @@ def measured(model, trajectory, disturbed=False):
     if disturbed:
         start[free] = 1e-3 * np.random.default_rng(0).normal(size=(free.sum(), 3))
     blind = replace(trajectory, displacement=np.where(free[:, None], 0, truth).astype(np.float32))
-    case = build_case(blind, model.config, targets=frames if model.config.scheme == "pose" else None)
+    case = build_example(blind, model.config, targets=frames if model.config.scheme == "pose" else None)
     path = walk(model, case, start=start)
     error = np.array([rmse(path[frame], truth[frame], free) for frame in frames])
     middle, end = np.array_split(error, 10)[5], np.array_split(error, 10)[-1]

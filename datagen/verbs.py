@@ -20,21 +20,24 @@ Writable = Callable[..., Any]
 def add_data_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int], count: Callable[[str], int],
                    seed: Callable[[str], int]) -> None:
     """Declare the verbs to a parser: `verb(name, about, *positional)` adds one."""
-    add = verb("check", "Every file of a data set: layout, checksums, physics.", "folder").add_argument
+    def declared(name: str, *positional: str) -> Callable[..., Any]:
+        return verb(name, VERBS[name].__doc__, *positional).add_argument
+
+    add = declared("check", "folder")
     add("--steps", type=positive, default=5, help="of each trajectory whose equilibrium is computed anew (5)")
-    add = verb("stats", "What a data set holds, in numbers.", "folder").add_argument
+    add = declared("stats", "folder")
     add("--refined", type=count, default=0, help="trajectories solved again with twice the cells each way (0)")
     add("--seed", type=seed, default=0, help="of the choice of these")
-    add = verb("card", "README.md of a data set: ranges, statistics, cost, licence.", "folder").add_argument
+    add = declared("card", "folder")
     add("--refined", type=count, default=10, help="as for stats (10)")
-    add = verb("pack", "A data set in one small file, its displacements within a tolerance.", "folder").add_argument
+    add = declared("pack", "folder")
     add("--tolerance", type=float, default=1e-6, help="largest error of a displacement [m] (1e-6)")
     add("--out", required=True, help="file, .pack")
-    verb("unpack", "The data set in a packed file.", "file").add_argument("--out", required=True, help="folder")
-    add = verb("import", "A data set in DeepMind's format (TFRecord and meta.json) as trajectory files.", "folder").add_argument
+    declared("unpack", "file")("--out", required=True, help="folder")
+    add = declared("import", "folder")
     add("--out", required=True, help="folder")
     add("--count", type=positive, help="at most so many of each split (all)")
-    add = verb("export", "A data set in DeepMind's format (TFRecord and meta.json).", "folder").add_argument
+    add = declared("export", "folder")
     add("--out", required=True, help="folder")
     add("--cells", choices=("tetrahedra", "own"), default="tetrahedra", help="tetrahedra, as DeepMind's readers expect, or our own")
 

@@ -16,13 +16,16 @@ import pytest
 
 import fidelity
 from datagen.family.family import draw, load_family
-from datagen.files.trajectory import HANDLE, OBSTACLE, PER_FRAME, problems, read_trajectory, write_trajectory
+from datagen.files.trajectory import HANDLE, OBSTACLE, problems, read_trajectory, write_trajectory
 from datagen.sets import check, dataset, generate
 from physics.contact.obstacles import Rigid
 from physics.schema import InputError
 from tests.small_set import COUNTS, FILES, SMALL
 
 ROOT = Path(__file__).parents[1]
+PER_FRAME = ("reaction", "energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual", "snap", "released")
+
+
 def sums(folder):
     return {entry.file: entry.sha256 for entry in dataset.read_manifest(folder).trajectories}
 

@@ -11,7 +11,7 @@ import numpy
 import pytest
 
 from datagen.files import provenance
-from datagen.files.provenance import commit, machine, versions
+from datagen.files.provenance import commit, machine, processor, versions
 
 
 @pytest.fixture(autouse=True)
@@ -53,6 +53,14 @@ def test_the_commit_is_that_of_git(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "")
     commit.cache_clear()
     assert commit() == ""  # no git
+
+
+def test_the_processor_is_the_first_that_linux_names(monkeypatch):
+    texts = {"cpu": "processor : 0\nmodel name\t: Fast: 3 GHz \nmodel name\t: second\n", "none": "processor : 0\n"}
+    for text, name in ((texts["cpu"], "Fast: 3 GHz"), (texts["none"], "x86")):
+        monkeypatch.setattr(Path, "read_text", lambda self, text=text: text)
+        monkeypatch.setattr(platform, "machine", lambda: "x86")
+        assert processor() == name
 
 
 def test_the_machine_is_its_processor_its_cores_and_its_system(monkeypatch):

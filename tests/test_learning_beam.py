@@ -8,10 +8,10 @@ import pytest
 from datagen.files.trajectory import read_trajectory
 from datagen.sets.dataset import files
 from datagen.sets.pack import unpack
-from learning.prediction.checkpoint import load_model, read_state
+from learning.prediction.checkpoint import load_model, read_checkpoint
 from learning.prediction.rollout import walk
 from learning.report.evaluate import evaluate
-from learning.samples.samples import build_case
+from learning.samples.samples import build_example
 from physics.mesh.quality import rmse
 
 ASSETS = Path(__file__).parent.parent / "assets"
@@ -32,7 +32,7 @@ def errors(beams):
     for path in beams:
         trajectory = read_trajectory(path)
         targets = np.arange(10, len(trajectory.displacement), 10)
-        case = build_case(trajectory, model.config, targets=targets)
+        case = build_example(trajectory, model.config, targets=targets)
         truth = trajectory.displacement[targets]
         paths = walk(model, case)[targets], case.estimate.displacement, np.zeros_like(truth)
         found.append([rmse(path, truth, trajectory.free) for path in paths])
@@ -41,7 +41,7 @@ def errors(beams):
 
 def test_it_is_small_and_says_where_it_comes_from():
     assert sum(path.stat().st_size for path in RUN.iterdir()) < 12e6
-    about = read_state(RUN / "model.safetensors").about
+    about = read_checkpoint(RUN / "model.safetensors").about
     assert about["config"]["scheme"] == "pose" and len(about["fingerprint"]) == 64 and about["seconds"] > 0
 
 

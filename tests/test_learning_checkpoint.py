@@ -10,7 +10,7 @@ from safetensors.torch import save_file
 from learning.config import TrainConfig
 from learning.networks.m4gn import M4GN, M4GNConfig
 from learning.prediction import checkpoint as module
-from learning.prediction.checkpoint import State, load_model, load_weights, read_state, write_state
+from learning.prediction.checkpoint import Checkpoint, load_model, load_weights, read_checkpoint, write_checkpoint
 from learning.samples.samples import Normaliser
 from physics.schema import InputError, to_table
 
@@ -22,13 +22,13 @@ def state(generator=None, config=CONFIG):
     optimizer = {0: {"step": torch.tensor(7.0), "exp_avg": torch.randn(2, 3)}, 12: {"exp_avg_sq": torch.randn(4)}}
     normaliser = Normaliser(node=torch.randn(2, 12), mesh_edge=torch.randn(2, 8), contact_edge=torch.randn(2, 4), velocity=torch.randn(1))
     about = {"config": to_table(config), "step": 12, "best_error": None}
-    return State(about, M4GN(config.network).state_dict(), normaliser, optimizer, generator)
+    return Checkpoint(about, M4GN(config.network).state_dict(), normaliser, optimizer, generator)
 
 
 def test_a_state_comes_back_number_for_number(tmp_path):
     asked = state(torch.Generator().manual_seed(9).get_state())
-    write_state(tmp_path / "last.safetensors", asked)
-    found = read_state(str(tmp_path / "last.safetensors"))
+    write_checkpoint(tmp_path / "last.safetensors", asked)
+    found = read_checkpoint(str(tmp_path / "last.safetensors"))
     assert found.about == {"schema": 1, **asked.about}
     assert found.weights.keys() == asked.weights.keys()
     assert all(torch.equal(value, asked.weights[name]) for name, value in found.weights.items())
@@ -41,22 +41,22 @@ def test_a_state_comes_back_number_for_number(tmp_path):
 
 
 def test_a_file_is_numbers_and_json_alone(tmp_path):
-    write_state(tmp_path / "model.safetensors", state())
+    write_checkpoint(tmp_path / "model.safetensors", state())
     with safe_open(tmp_path / "model.safetensors", framework="pt") as file:
         about, names = json.loads(file.metadata()["about"]), set(file.keys())
     assert about["schema"] == 1 and about["config"]["segments"] == 7
     assert {"weights.encode_node.first.weight", "normaliser.velocity", "optimizer.12.exp_avg_sq"} <= names
     assert "generator" not in names
-    assert read_state(tmp_path / "model.safetensors").generator is None
+    assert read_checkpoint(tmp_path / "model.safetensors").generator is None
 
 
 def test_the_model_of_a_run_is_its_best_network_ready_to_predict(tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(module, "keep_freed_memory", lambda: calls.append(1))
     best = state()
-    write_state(tmp_path / "model.safetensors", best)
+    write_checkpoint(tmp_path / "model.safetensors", best)
     last = {name: value + 1 for name, value in best.weights.items()}
-    write_state(tmp_path / "last.safetensors", State(best.about, last, best.normaliser, {}, None))
+    write_checkpoint(tmp_path / "last.safetensors", Checkpoint(best.about, last, best.normaliser, {}, None))
     model = load_model(tmp_path)
     assert model.config == CONFIG and model.name == str(tmp_path) and not model.network.training and calls == [1]
     assert all(torch.equal(value, best.weights[name]) for name, value in model.network.state_dict().items())
@@ -66,30 +66,30 @@ def test_the_model_of_a_run_is_its_best_network_ready_to_predict(tmp_path, monke
 def test_what_is_no_checkpoint_of_this_program_is_refused(tmp_path):
     path = tmp_path / "model.safetensors"
     with pytest.raises(InputError, match="no such checkpoint"):
-        read_state(path)
+        read_checkpoint(path)
     path.mkdir()
     with pytest.raises(InputError, match="no such checkpoint"):
-        read_state(path)
+        read_checkpoint(path)
     path.rmdir()
     save_file({"a": torch.zeros(1)}, path)
     with pytest.raises(InputError, match="checkpoint schema None, this program reads 1$"):
-        read_state(path)
+        read_checkpoint(path)
     for about, said in (({"schema": 2}, "checkpoint schema 2, this program reads 1$"), ({"schema": 1}, "not a whole checkpoint: .*normaliser")):
         save_file({"a": torch.zeros(1)}, path, {"about": json.dumps(about)})
         with pytest.raises(InputError, match=said):
-            read_state(path)
+            read_checkpoint(path)
     save_file({"a": torch.zeros(1)}, path, {"about": "{"})
     with pytest.raises(InputError, match="not a whole checkpoint"):
-        read_state(path)
+        read_checkpoint(path)
 
 
 def test_weights_of_another_network_are_refused_by_name(tmp_path):
     with pytest.raises(InputError) as caught:
         load_weights(M4GN(M4GNConfig(hidden=4, message_steps=2, transformer_layers=1, heads=2)), state(), "here")
     assert str(caught.value).startswith("here: its weights do not fit its config: Missing key(s)") and "\n" not in str(caught.value)
-    write_state(tmp_path / "model.safetensors", state())
+    write_checkpoint(tmp_path / "model.safetensors", state())
     asked = state()
     asked.about["config"]["segmentz"] = 3
-    write_state(tmp_path / "model.safetensors", asked)
+    write_checkpoint(tmp_path / "model.safetensors", asked)
     with pytest.raises(InputError, match=r"model\.safetensors: config.*segments"):
         load_model(tmp_path)

@@ -14,15 +14,15 @@ from learning.graphs.graph import build_skeleton
 from learning.samples import samples as data
 from learning.samples.estimate import Estimate
 from learning.samples.samples import (
-    Case,
+    Example,
     Moments,
     all_frames,
-    build_case,
+    build_example,
     chances,
     describe,
     fingerprint,
     fit_normaliser,
-    load_cases,
+    load_examples,
     sample,
     unit_of,
 )
@@ -45,7 +45,7 @@ def case_of(config, steps=4, seed=0):
     found[0] += trajectory.displacement[1:]
     found[0, :, 5:], found[1, :, 5:] = trajectory.displacement[1:, 5:], 0
     targets = np.arange(1, steps + 1)
-    return Case(trajectory, skeleton, targets, Estimate(targets, *found) if config.estimate else None)
+    return Example(trajectory, skeleton, targets, Estimate(targets, *found) if config.estimate else None)
 
 
 def by_hand(case, config, f, now, before):
@@ -133,8 +133,11 @@ def test_the_unit_of_an_estimate_without_forces_left_over_is_ten_nanometres():
     answer[2, FREE] = [3e-9, 0, 4e-9]  # 5 nm
     answer[3, [0, 2]] = 1.0  # on held nodes it counts for nothing
     case = replace(case, estimate=replace(case.estimate, answer=answer))
-    assert [unit_of(case, frame) for frame in (1, 2, 3, 4)] == pytest.approx([1e-8, 13e-9, 1e-8, 1e-8], rel=1e-6, abs=0)
-    assert unit_of(case_of(STEP), 1) == 1
+    units = [unit_of(case.estimate.at(frame)[1], case.skeleton.free) for frame in (1, 2, 3, 4)]
+    assert units == pytest.approx([1e-8, 13e-9, 1e-8, 1e-8], rel=1e-6, abs=0)
+    rest = np.zeros((9, 3))
+    assert [describe(case, frame, rest, rest, SCHEMES["pose+estimate"]).unit for frame in (1, 2, 3, 4)] == units
+    assert describe(case_of(STEP), 1, rest, rest, STEP).unit == 1
 
 
 # the normaliser
@@ -265,9 +268,9 @@ def test_frames_to_learn_from_are_spread_evenly_and_end_with_the_last(change, ta
     write_trajectory(tmp_path / "a.vtkhdf", tiny(6))  # of 4: 1.5, 3, 4.5 and 6, halves to the even one
     for scheme in ("step", "pose"):
         config = replace(STEP, scheme=scheme, **change)
-        found = load_cases([tmp_path / "a.vtkhdf"] * 2, config)
+        found = load_examples([tmp_path / "a.vtkhdf"] * 2, config)
         assert [case.targets.tolist() for case in found] == [targets] * 2
-        walked = load_cases([tmp_path / "a.vtkhdf"], config, walk=True)[0].targets.tolist()
+        walked = load_examples([tmp_path / "a.vtkhdf"], config, walk=True)[0].targets.tolist()
         assert walked == (targets if scheme == "pose" else [1, 2, 3, 4, 5, 6])  # a step starts from the frame before
 
 
@@ -275,30 +278,30 @@ def test_a_case_is_segmented_and_estimated_as_its_config_says(monkeypatch, tmp_p
     asked = []
     monkeypatch.setattr(data, "estimate", lambda trajectory, targets, cache: asked.append((targets.tolist(), cache)) or "found")
     config = replace(STEP, estimate=True, scheme="pose", overlap=1, network=replace(STEP.network, walk=3), segments=3, frames=1)
-    case = build_case(tiny(), config, cache=tmp_path)
+    case = build_example(tiny(), config, cache=tmp_path)
     assert case.estimate == "found" and asked == [([1, 2, 3, 4], tmp_path)] and case.targets.tolist() == [1, 2, 3, 4]
     assert case.skeleton.segment[5:].tolist() == [3] * 4 and len(set(case.skeleton.segment[:5])) == 3
     assert case.skeleton.shared is not None and case.skeleton.node_code.shape == (9, 3)
     write_trajectory(tmp_path / "a.vtkhdf", tiny())
     monkeypatch.setattr(data, "CACHE", tmp_path / "kept")
-    assert load_cases([tmp_path / "a.vtkhdf"], config)[0].estimate == "found" and asked[1] == ([4], tmp_path / "kept")
-    plain = build_case(tiny(), STEP, targets=np.array([2]))
+    assert load_examples([tmp_path / "a.vtkhdf"], config)[0].estimate == "found" and asked[1] == ([4], tmp_path / "kept")
+    plain = build_example(tiny(), STEP, targets=np.array([2]))
     assert plain.estimate is None and len(asked) == 2 and plain.targets.tolist() == [2]
     assert plain.skeleton.shared is plain.skeleton.node_code is None and plain.skeleton.segment.max() == 2
 
 
 def test_files_that_teach_nothing_are_refused_by_name(tmp_path):
     with pytest.raises(InputError, match="no trajectory files given"):
-        load_cases([], STEP)
+        load_examples([], STEP)
     short, broken, sound = (tmp_path / f"{name}.vtkhdf" for name in ("short", "broken", "sound"))
     write_trajectory(short, tiny(0))
     write_trajectory(broken, replace(tiny(), complete=False))
     write_trajectory(sound, tiny(1))  # two frames are enough
-    assert load_cases([sound], STEP)[0].targets.tolist() == [1]
+    assert load_examples([sound], STEP)[0].targets.tolist() == [1]
     for path, config, words in ((short, STEP, "single frame"), (broken, STEP, "stopped before the last step"),
                                 (sound, replace(STEP, segments=6), "6 segments")):
         with pytest.raises(InputError, match=f"{path.name}: .*{words}"):
-            load_cases([sound, path], config)
+            load_examples([sound, path], config)
 
 
 def test_the_fingerprint_is_a_hash_of_rest_and_motion():

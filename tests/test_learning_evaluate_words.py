@@ -11,7 +11,7 @@ import torch
 
 from learning.prediction.predictor import Case, Predictor
 from learning.report import evaluate as module
-from learning.report.measure import Frame, Measurement
+from learning.report.measure import Measurement, WorstFrame
 from learning.samples.seen import Seen
 from physics.mesh.build import build_mesh
 from tests.rows import row, rows
@@ -37,7 +37,7 @@ def test_the_worst_frames_of_the_five_worst_trajectories_of_the_best_network_are
     cases = [case(f"000{i}", steps=9 + i, seed=i) for i in range(7)]
     errors = [3e-4, 7e-4, 1e-4, 5e-4, 6e-4, 2e-4, 4e-4]  # the worst first: 1, 4, 3, 6, 0
     frames = [
-        Frame(each, name, 2 + i, np.full((99, 3), i + shift), error + shift)
+        WorstFrame(each, name, 2 + i, np.full((99, 3), i + shift), error + shift)
         for i, (each, error) in enumerate(zip(cases, errors, strict=True))
         for name, shift in (("M4GN a", 9.0), ("M4GN b", 0.0))
     ]
@@ -60,7 +60,7 @@ def test_without_a_network_or_an_obstacle_no_picture_of_either(tmp_path, monkeyp
     bare = case("0")
     body = bare.trajectory.body
     monkeypatch.setattr(type(bare.trajectory), "obstacle", property(lambda self: None))
-    frame = Frame(bare, "M4GN a", 1, np.zeros((body.sum(), 3)), 1e-3)
+    frame = WorstFrame(bare, "M4GN a", 1, np.zeros((body.sum(), 3)), 1e-3)
     assert module._pictures(tmp_path, Measurement(rows=rows()[2:], frames=[frame])) == [] == drawn
     assert len(module._pictures(tmp_path, Measurement(rows=rows()[:1], frames=[frame]))) == 1 and drawn[0]["obstacle"] is None
 
@@ -149,7 +149,7 @@ STATE = SimpleNamespace(about={"step": 4000, "seconds": 61.7, "best_step": 3500}
 
 
 def facts(monkeypatch, cases, *, repeats: int = 1, runs=None, solved_again: float = 0.0) -> dict[str, str]:
-    monkeypatch.setattr(module, "read_state", lambda path: STATE if path == Path("runs/m4gn/model.safetensors") else None)
+    monkeypatch.setattr(module, "read_checkpoint", lambda path: STATE if path == Path("runs/m4gn/model.safetensors") else None)
     return module._facts(runs or {}, cases, Measurement(solved_again=solved_again), repeats)
 
 
@@ -197,14 +197,6 @@ def test_words_of_lists_are_cut_after_four():
     assert module._words(["b", "a", "b"]) == "a, b" and module._words("dcba") == "a, b, c, d"
     assert module._words("edcba") == "a, b, c, d and 1 more" and module._words("gfedcba") == "a, b, c, d and 3 more"
     assert module._range([3]) == "3" and module._range([3, 3, 7]) == "3 to 7"
-
-
-def test_the_processor_is_the_first_that_linux_names(monkeypatch):
-    texts = {"cpu": "processor : 0\nmodel name\t: Fast: 3 GHz \nmodel name\t: second\n", "none": "processor : 0\n"}
-    for text, name in ((texts["cpu"], "Fast: 3 GHz"), (texts["none"], "x86")):
-        monkeypatch.setattr(Path, "read_text", lambda self, text=text: text)
-        monkeypatch.setattr(module.platform, "machine", lambda: "x86")
-        assert module._processor() == name
 
 
 # sentences

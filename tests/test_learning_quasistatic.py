@@ -234,7 +234,7 @@ def test_a_state_far_from_the_pose_is_reached_in_halves():
     """Each half no longer than a cell; where Newton's method never leads there, the body stays and the pose is the new one."""
     estimator, asked = Estimator.__new__(Estimator), []
     estimator.size = 1.0
-    start = module._State(np.zeros(3), np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
+    start = module._Pressed(np.zeros(3), np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
 
     def newton(centre, state, c):
         asked.append((float(state.centre[0]), float(centre[0])))

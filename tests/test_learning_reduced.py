@@ -44,8 +44,7 @@ def test_the_polynomial_is_the_energy_of_one_deformation_throughout(elastic, poi
     else:
         assert elastic.weights[reduced._points].shape == ({5: 5, 9: 7}[points],)
     r = reduced.space.shape[1]
-    assert r == 3 and reduced.nodal.shape == (len(elastic.points), 3, 3)
-    np.testing.assert_array_equal(reduced.nodal[5, 2], reduced.space[17])
+    assert r == 3
     basis = [np.linalg.lstsq(elastic.points, column.reshape(-1, 3), rcond=None)[0].T for column in reduced.space.T]
 
     def whole(q):

@@ -15,7 +15,7 @@ from learning.prediction import rollout as module
 from learning.prediction.checkpoint import Model
 from learning.prediction.rollout import predict_step, rollout, rollout_error, walk
 from learning.samples.estimate import Estimate
-from learning.samples.samples import Normaliser, build_case
+from learning.samples.samples import Normaliser, build_example
 from tests.synthetic import bending
 
 BASE = TrainConfig(segments=3, method="metis", network=M4GNConfig(hidden=4, heads=2), contact_radius=0.006, noise=0.0)
@@ -145,14 +145,14 @@ def test_a_corrector_has_the_body_after_each_step_and_the_next_starts_from_there
 @pytest.mark.parametrize("name", ["step", "history", "pose"])
 def test_a_walk_may_start_elsewhere_than_at_rest(name, trajectory):
     start = 1e-3 * np.random.default_rng(0).normal(size=trajectory.points.shape)
-    case = build_case(trajectory, CONFIGS[name])
+    case = build_example(trajectory, CONFIGS[name])
     free = trajectory.free
     found = walk(model_of(name, trajectory), case, start=start)
     np.testing.assert_allclose(found[1:], path_by_hand(name, trajectory, start[free])[1:], **CLOSE)
 
 
 def test_a_walk_of_poses_gives_its_targets_alone(trajectory):
-    case = build_case(trajectory, CONFIGS["pose+estimate"], targets=np.array([2, 7, 10]))
+    case = build_example(trajectory, CONFIGS["pose+estimate"], targets=np.array([2, 7, 10]))
     found = walk(model_of("pose+estimate", trajectory), case)
     np.testing.assert_allclose(found[[2, 7, 10]], path_by_hand("pose+estimate", trajectory)[[2, 7, 10]], **CLOSE)
     others = [0, 1, 3, 4, 5, 6, 8, 9]
@@ -180,7 +180,7 @@ def test_single_steps_by_hand(name, batch, trajectory):
 
 
 def test_the_error_is_the_root_mean_square_length_over_free_nodes_and_targets(trajectory, monkeypatch):
-    case, seen = build_case(trajectory, CONFIGS["pose"], targets=np.array([3, 7])), []
+    case, seen = build_example(trajectory, CONFIGS["pose"], targets=np.array([3, 7])), []
     off = np.zeros_like(trajectory.displacement)
     off[:, trajectory.free] = np.array([2.0, -3, 6])  # of length 7
     off[7, trajectory.free] = np.array([0.0, 0, 1])
@@ -198,7 +198,7 @@ def test_the_error_is_the_root_mean_square_length_over_free_nodes_and_targets(tr
 
 
 def test_the_error_of_a_whole_walk(trajectory):
-    case = build_case(trajectory, BASE)
+    case = build_example(trajectory, BASE)
     off = (path_by_hand("step", trajectory) - trajectory.displacement)[1:, trajectory.free]
     expected = np.sqrt((off**2).sum(axis=2).mean())
     assert rollout_error(model_of("step", trajectory), case) == pytest.approx(expected, rel=1e-5)
@@ -225,7 +225,7 @@ def test_a_step_takes_the_wall_time_of_estimates_and_walk_but_not_of_the_set_up(
         return do
 
     monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: now[0]))
-    monkeypatch.setattr(module, "build_case", later(1000, module.build_case))
+    monkeypatch.setattr(module, "build_example", later(1000, module.build_example))
     monkeypatch.setattr(module, "estimate", later(5, module.estimate))
     monkeypatch.setattr(module, "walk", later(15, module.walk))
     assert rollout(model_of("pose+estimate", trajectory), trajectory).extra["seconds_per_step"] == pytest.approx(2.0)

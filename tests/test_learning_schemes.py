@@ -9,9 +9,9 @@ import torch
 from datagen.files.trajectory import write_trajectory
 from learning.config import TrainConfig
 from learning.networks.m4gn import M4GN, M4GNConfig
-from learning.prediction.checkpoint import Model, load_model, read_state, write_state
+from learning.prediction.checkpoint import Model, load_model, read_checkpoint, write_checkpoint
 from learning.prediction.rollout import predict_step, rollout, walk
-from learning.samples.samples import build_case, describe, fit_normaliser, sample
+from learning.samples.samples import build_example, describe, fit_normaliser, sample
 from learning.training.train import train
 from physics.schema import InputError, read_table
 from tests.pressed import pressed
@@ -29,7 +29,7 @@ def trajectory():
 
 def model_of(config, trajectory):
     torch.manual_seed(0)
-    case = build_case(trajectory, config)
+    case = build_example(trajectory, config)
     return Model(config, M4GN(config.network).eval(), fit_normaliser([case], config), "untrained")
 
 
@@ -64,7 +64,7 @@ def test_a_rollout_is_what_single_steps_from_rest_lead_to(model, trajectory):
 @pytest.mark.parametrize("name", CONFIGS)
 def test_the_truth_is_said_by_the_target(name, trajectory):
     config = replace(CONFIGS[name], noise=0.0)
-    case = build_case(trajectory, config)
+    case = build_example(trajectory, config)
     _, target = sample(case, 5, config, torch.Generator())
     shown = describe(case, 6, trajectory.displacement[5], trajectory.displacement[4], config)
     # targets are float32, of the order of one unit
@@ -74,16 +74,16 @@ def test_the_truth_is_said_by_the_target(name, trajectory):
 def test_a_pose_alone_is_that_of_the_whole_path(trajectory):
     config = CONFIGS["pose"]
     model = model_of(config, trajectory)
-    whole = walk(model, build_case(trajectory, config))
-    alone = walk(model, build_case(trajectory, config, targets=np.array([7])))
+    whole = walk(model, build_example(trajectory, config))
+    alone = walk(model, build_example(trajectory, config, targets=np.array([7])))
     assert np.allclose(alone[7], whole[7], rtol=0, atol=1e-7)  # float32 sums in other orders; the untrained network says metres
 
 
 def test_a_pose_is_trained_on_few_frames_of_a_path(trajectory):
     config = replace(BASE, scheme="pose", frames=3)
-    case = build_case(trajectory, config, targets=np.array([3, 7, 10]))
+    case = build_example(trajectory, config, targets=np.array([3, 7, 10]))
     with pytest.raises(KeyError, match="no estimate of frame 4"):
-        build_case(trajectory, replace(config, estimate=True), targets=case.targets).estimate.at(4)
+        build_example(trajectory, replace(config, estimate=True), targets=case.targets).estimate.at(4)
 
 
 def test_a_pose_has_no_history():
@@ -96,10 +96,10 @@ def test_a_run_of_before_can_be_resumed(trajectory, tmp_path):
     write_trajectory(tmp_path / "a.vtkhdf", trajectory)
     config, run = replace(BASE, frames=None), tmp_path / "run"
     train(config, [tmp_path / "a.vtkhdf"], [], run, steps=2)
-    state = read_state(run / "last.safetensors")
+    state = read_checkpoint(run / "last.safetensors")
     for key in ("scheme", "history", "estimate"):
         del state.about["config"][key]
-    write_state(run / "last.safetensors", state)
+    write_checkpoint(run / "last.safetensors", state)
     assert train(config, [tmp_path / "a.vtkhdf"], [], run, resume=True)["steps"] == 4
     with pytest.raises(InputError, match="another scheme"):
         train(replace(config, scheme="pose"), [tmp_path / "a.vtkhdf"], [], run, resume=True)
@@ -109,6 +109,6 @@ def test_training_begins_with_the_estimate(trajectory, tmp_path):
     config = replace(CONFIGS["pose+estimate"], learning_rate=1e-30, final_learning_rate=1e-30)
     write_trajectory(tmp_path / "a.vtkhdf", trajectory)
     train(config, [tmp_path / "a.vtkhdf"], [], tmp_path / "run")
-    case = build_case(trajectory, config)
+    case = build_example(trajectory, config)
     free = trajectory.free
     assert np.array_equal(rollout(load_model(tmp_path / "run"), trajectory).displacement[1:, free], case.estimate.displacement[:, free])

@@ -18,9 +18,9 @@ import learning
 from datagen.files.trajectory import NORMAL, problems, read_trajectory, write_trajectory
 from learning.config import TrainConfig, load_config
 from learning.networks.m4gn import M4GN, M4GNConfig
-from learning.prediction.checkpoint import Model, load_model, read_state
+from learning.prediction.checkpoint import Model, load_model, read_checkpoint
 from learning.prediction.rollout import predict_step, rollout
-from learning.samples.samples import build_case, fit_normaliser, sample
+from learning.samples.samples import build_example, fit_normaliser, sample
 from learning.training.train import train
 from physics.schema import InputError, to_table
 from tests.synthetic import bending
@@ -54,14 +54,14 @@ def run(files, tmp_path_factory):
 @pytest.fixture
 def model():
     torch.manual_seed(0)
-    case = build_case(bending(), CONFIG)
+    case = build_example(bending(), CONFIG)
     return Model(CONFIG, M4GN(CONFIG.network).eval(), fit_normaliser([case], CONFIG), "untrained")
 
 
 # data
 
 def test_noise_is_fresh_on_free_nodes_alone_and_the_target_repairs_it():
-    case, generator = build_case(bending(), CONFIG), torch.Generator().manual_seed(0)
+    case, generator = build_example(bending(), CONFIG), torch.Generator().manual_seed(0)
     free = case.skeleton.free
     now, after = (case.skeleton.rest + case.trajectory.displacement[step] for step in (3, 4))
     # where the target starts, against the true position
@@ -76,19 +76,19 @@ def test_noise_is_fresh_on_free_nodes_alone_and_the_target_repairs_it():
 def test_the_normaliser_sees_training_data_alone(files, run):
     # rest lengths of the edges of both training meshes, each with as many frames; by validation's mesh beside them the mean would change
     length = [np.linalg.norm(x[a] - x[b]) for x, (a, b) in ((case.skeleton.rest, pair) for case in (
-        build_case(read_trajectory(path), CONFIG) for path in files["train"]) for pair in case.skeleton.pair.T)]
+        build_example(read_trajectory(path), CONFIG) for path in files["train"]) for pair in case.skeleton.pair.T)]
     table = load_model(run).normaliser.mesh_edge[:, 3].tolist()
     assert table == pytest.approx([np.mean(length), np.std(length)], rel=1e-5)  # single precision
     valid = read_trajectory(files["valid"][0])
     assert len(valid.points) != np.mean([len(read_trajectory(path).points) for path in files["train"]])
     # what is fitted how is held in test_learning_data; here that it is the training's
-    expected = fit_normaliser([build_case(read_trajectory(path), CONFIG) for path in files["train"]], CONFIG)
+    expected = fit_normaliser([build_example(read_trajectory(path), CONFIG) for path in files["train"]], CONFIG)
     for name, table in load_model(run).normaliser.tensors().items():
         assert torch.equal(table, expected.tensors()[name]), name
 
 
 def test_normalised_training_features_have_mean_0_and_deviation_1_or_are_constant():
-    case = build_case(bending(), CONFIG)
+    case = build_example(bending(), CONFIG)
     normaliser = fit_normaliser([case], QUIET)
     graphs = [normaliser.graph(sample(case, t, QUIET, torch.Generator())[0]) for t in range(10)]
     for name in ("node", "mesh_edge", "contact_edge"):
@@ -100,7 +100,7 @@ def test_normalised_training_features_have_mean_0_and_deviation_1_or_are_constan
 
 
 def test_without_any_contact_the_scales_are_finite():
-    normaliser = fit_normaliser([build_case(bending(gap=0.05, travel=0.001), CONFIG)], QUIET)
+    normaliser = fit_normaliser([build_example(bending(gap=0.05, travel=0.001), CONFIG)], QUIET)
     assert all(torch.isfinite(table).all() for table in normaliser.tensors().values())
     assert torch.equal(normaliser.velocity, torch.ones(1))  # nothing moves: no scale to divide by
 
@@ -133,7 +133,7 @@ def test_a_rollout_keeps_what_is_prescribed_and_is_a_whole_trajectory(model, tmp
     assert predicted.extra["run"] == "untrained" and predicted.extra["seconds_per_step"] > 0
     write_trajectory(tmp_path / "p.vtkhdf", predicted)
     again = read_trajectory(tmp_path / "p.vtkhdf").segment
-    assert again is not None and again.tolist() == build_case(trajectory, CONFIG).skeleton.segment.tolist()
+    assert again is not None and again.tolist() == build_example(trajectory, CONFIG).skeleton.segment.tolist()
 
 
 def test_the_first_step_of_a_rollout_is_the_prediction_from_the_first_frame(model):
@@ -161,7 +161,7 @@ def test_three_steps_and_three_more_are_six_to_the_last_bit(files, run, tmp_path
         curve.write('{"step": 5, "loss": 1.0}\n{"step": 5, "lo')  # what a kill leaves behind
     summary = train(CONFIG, files["train"], files["valid"], tmp_path, resume=True)
     assert summary["steps"] == 6
-    whole, halves = (read_state(folder / "last.safetensors") for folder in (run, tmp_path))
+    whole, halves = (read_checkpoint(folder / "last.safetensors") for folder in (run, tmp_path))
     assert whole.generator is not None and halves.generator is not None and torch.equal(whole.generator, halves.generator)
     assert all(torch.equal(value, halves.weights[name]) for name, value in whole.weights.items())
     for number, moments in whole.optimizer.items():
@@ -191,13 +191,13 @@ def test_a_run_with_overlap_encodings_and_its_own_number_of_segments_comes_back(
     train(config, files["train"], files["valid"], tmp_path)
     model = load_model(tmp_path)
     assert model.config == config
-    case = build_case(read_trajectory(files["valid"][0]), config)
+    case = build_example(read_trajectory(files["valid"][0]), config)
     assert case.skeleton.shared is not None and case.skeleton.node_code is not None
     assert np.isfinite(rollout(model, case.trajectory).displacement).all()
 
 
 def test_a_run_tells_what_it_was_trained_with(run):
-    about = read_state(run / "model.safetensors").about
+    about = read_checkpoint(run / "model.safetensors").about
     assert about["config"]["segments"] == 7 and about["versions"]["torch"] == torch.__version__
     assert len(about["fingerprint"]) == 64
     assert load_config(run / "config.toml") == load_model(run).config == CONFIG
@@ -208,7 +208,7 @@ def test_a_run_tells_what_it_was_trained_with(run):
 def test_a_truncated_checkpoint_is_refused_in_one_line(run, tmp_path, name, keep):
     (tmp_path / name).write_bytes((run / name).read_bytes()[:keep])
     with pytest.raises(InputError) as caught:
-        read_state(tmp_path / name)
+        read_checkpoint(tmp_path / name)
     assert name in str(caught.value) and "\n" not in str(caught.value)
 
 

@@ -13,9 +13,9 @@ import torch
 from datagen.files.trajectory import write_trajectory
 from learning.config import TrainConfig
 from learning.networks.m4gn import M4GN, M4GNConfig
-from learning.prediction.checkpoint import load_model, read_state
+from learning.prediction.checkpoint import load_model, read_checkpoint
 from learning.samples.estimate import Estimate
-from learning.samples.samples import all_frames, build_case, fit_normaliser, sample
+from learning.samples.samples import all_frames, build_example, fit_normaliser, sample
 from learning.training import train as module
 from learning.training.processes import Processes
 from learning.training.train import _step, draw, learning_rate, progress, train
@@ -30,7 +30,7 @@ SCENES = (dict(cells=(4, 2, 2), steps=4), dict(cells=(6, 2, 2), steps=4, at=0.08
 
 @pytest.fixture(scope="module")
 def cases():
-    return [build_case(bending(**scene), CONFIG) for scene in SCENES]
+    return [build_example(bending(**scene), CONFIG) for scene in SCENES]
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_a_step_follows_the_clipped_gradient_of_the_mean_square_in_units_of_the_
 def test_a_training_is_its_definition(files, tmp_path):
     """Seed, draws, noise, clipped gradients, the rate at 0, 1/4, 1/2 and 3/4, and Adam by its formula."""
     config = replace(CONFIG, steps=4)
-    cases = [build_case(bending(**scene), config) for scene in SCENES]
+    cases = [build_example(bending(**scene), config) for scene in SCENES]
     torch.manual_seed(5)
     network, generator = M4GN(config.network), torch.Generator().manual_seed(5)
     normaliser = fit_normaliser(cases, config)
@@ -107,7 +107,7 @@ def test_a_training_is_its_definition(files, tmp_path):
             with torch.no_grad():
                 weight -= rate * first[i] / (1 - 0.9**step) / ((second[i] / (1 - 0.999**step)).sqrt() + 1e-8)
     told = train(config, files, [], tmp_path)
-    state = read_state(tmp_path / "last.safetensors")
+    state = read_checkpoint(tmp_path / "last.safetensors")
     off = sum(float((state.weights[name] - weight.detach()).square().sum()) for name, weight in network.named_parameters())
     # each of some 600 weights has gone up to 3e-2; where a gradient is rounding alone Adam's step has any sign, and such weights are few
     assert math.sqrt(off) < 1e-4
@@ -201,7 +201,7 @@ def clock(monkeypatch):
 
 def kept(out, name="model"):
     """Which step's network a file holds."""
-    return float(read_state(out / f"{name}.safetensors").weights["decode.third.bias"][0])
+    return float(read_checkpoint(out / f"{name}.safetensors").weights["decode.third.bias"][0])
 
 
 def lines(out, key):
@@ -229,10 +229,10 @@ def test_the_best_network_is_kept_and_the_last_beside_it(clock, files, tmp_path,
     assert told["seconds"] == 11.5 and told["ms_per_step"] == pytest.approx(2300)
     assert clock.shown == pytest.approx([60, 100])
     assert clock.bars[0][1] == "step 3 loss 370 error 4.00e+00 m"
-    about = read_state(tmp_path / "last.safetensors").about
+    about = read_checkpoint(tmp_path / "last.safetensors").about
     assert (about["step"], about["seconds"], about["best_error"], about["best_step"], about["last_error"]) == (5, 11.5, 1.5, 4, 3.0)
     assert set(about["versions"]) == {"python", "torch", "numpy", "scipy", "h5py", "safetensors", "pymetis"}
-    assert read_state(tmp_path / "model.safetensors").generator is None
+    assert read_checkpoint(tmp_path / "model.safetensors").generator is None
 
 
 def test_without_validation_the_last_network_is_the_best(clock, files, tmp_path):
@@ -271,7 +271,7 @@ def test_a_budget_ends_a_training_and_a_resumed_one_has_what_is_left_of_it(clock
     # the end may be moved; the config that is kept is the new one
     told = train(replace(config, budget_seconds=13.0), files, [], tmp_path, resume=True)
     assert (told["steps"], told["seconds"]) == (7, 14.0)
-    assert read_state(tmp_path / "last.safetensors").about["config"]["budget_seconds"] == 13.0
+    assert read_checkpoint(tmp_path / "last.safetensors").about["config"]["budget_seconds"] == 13.0
     with pytest.raises(InputError, match="another seed .5, not 6"):
         train(replace(config, seed=6), files, [], tmp_path, resume=True)
     with pytest.raises(InputError, match="another network"):
@@ -301,7 +301,7 @@ def test_a_loss_that_is_not_finite_stops_and_leaves_the_last_checkpoint(clock, f
     monkeypatch.setattr(module, "_step", lambda *given: made(*given) if clock.step < 3 else math.inf)
     with pytest.raises(FloatingPointError, match=r"the loss is inf at step 4, learning rate 0\.004"):  # 10^-2.4
         train(CONFIG, files, [], tmp_path)
-    assert kept(tmp_path, "last") == 2 and read_state(tmp_path / "last.safetensors").about["step"] == 2
+    assert kept(tmp_path, "last") == 2 and read_checkpoint(tmp_path / "last.safetensors").about["step"] == 2
 
 
 def test_another_process_than_the_first_leaves_nothing(clock, files, tmp_path, monkeypatch):
@@ -325,7 +325,7 @@ def test_with_estimates_the_network_begins_by_saying_nothing(clock, files, tmp_p
     monkeypatch.setattr(module, "draw", lambda cases, frames, chance, *rest: given.append(chance) or [None] * 3)
     monkeypatch.setattr(module, "_step", lambda *rest: 1.0)
     train(replace(CONFIG, estimate=wanted, scheme="pose"), files, [], tmp_path)
-    weights = read_state(tmp_path / "last.safetensors").weights
+    weights = read_checkpoint(tmp_path / "last.safetensors").weights
     assert all(bool(weights[f"decode.third.{name}"].any()) != wanted for name in ("weight", "bias"))
     assert all(bool(weights[f"decode.second.{name}"].any()) for name in ("weight", "bias"))
     assert (given[0] is not None) == wanted
@@ -338,7 +338,7 @@ def test_the_seed_of_the_network_and_of_the_draws_both_count(files, tmp_path, mo
         with monkeypatch.context() as patch:
             patch.setattr(module, "_step", lambda *rest: 1.0)
             train(replace(CONFIG, seed=seed, steps=1), files, [], tmp_path / name)
-        return read_state(tmp_path / name / "last.safetensors")
+        return read_checkpoint(tmp_path / name / "last.safetensors")
 
     one, again, other = state(5, "a"), state(5, "b"), state(6, "c")
     for name, value in one.weights.items():

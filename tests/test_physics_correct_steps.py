@@ -1,7 +1,5 @@
 """A correction's steps are Newton's, literally: dense stiffness, out-of-balance force, a solve by numpy."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -76,11 +74,3 @@ def test_before_anything_touches_rest_is_the_answer_whatever_the_guess_and_later
     assert corrector.iterations == 1
     after = corrector(guess, 1.0)
     assert after.any() and abs(after).max() < 0.3 * abs(guess).max() and corrector.iterations == 2
-
-
-def test_set_up_is_the_time_that_it_took():
-    scene = beam(body=SMALL)
-    mesh = build_mesh(scene.body)
-    before = time.perf_counter()
-    corrector = Corrector(scene, mesh)
-    assert 0 < corrector.set_up <= time.perf_counter() - before

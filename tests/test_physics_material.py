@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
+from physics.body.elasticity import Elasticity
 from physics.body.element import Samples
 from physics.body.kernel import Kernel
 from physics.body.material import LAWS, lame
-from physics.scene import Material
+from physics.body.stress import first_piola, von_mises
+from physics.mesh.build import build_mesh
+from physics.reduced import elastic
+from physics.reduced.elastic import Elastic
+from physics.scene import Body, Material, Scene, Steps
+from physics.schema import InputError
+from physics.solution import solve
 
 LAMBDA, MU = 3.0, 2.0
 BULK = LAMBDA + 2 * MU / 3  # 13/3
@@ -114,3 +121,17 @@ def test_the_default_law_has_the_uniaxial_stress_of_solids4foam(stretch, lateral
     kernel, F = one_tensor("neo-hookean", [0]), np.diag([stretch, lateral, lateral])
     P = kernel.forces(np.ascontiguousarray(F - np.eye(3)), lame(Material(young_modulus=1e6, poisson_ratio=0.4)))
     assert P[0, 0] == pytest.approx(stress, abs=10) and P[1, 1] == pytest.approx(0, abs=10) and P[1, 1] == pytest.approx(P[2, 2], abs=1e-8)
+
+
+@pytest.mark.parametrize("law", ["neo-hooke", ""])
+def test_an_unknown_law_is_an_error_that_names_the_known_ones(law):
+    cube = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1))
+    mesh, material = build_mesh(cube), Material(law=law, young_modulus=1.0, poisson_ratio=0.3)
+    free = np.zeros(len(mesh.points), bool)
+    uses = (lambda: one_tensor(law, np.eye(3)[None]), lambda: first_piola(np.eye(3)[None], material),
+            lambda: von_mises(mesh, mesh.points, material), lambda: Elasticity(mesh, material, np.repeat(free[:, None], 3, axis=1)),
+            lambda: Elastic(mesh, free, law, 0.3), lambda: solve(Scene(body=cube, material=material, steps=Steps(count=1))))
+    for use in uses:
+        with pytest.raises(InputError, match=f"material.law = {law!r}: must be one of {', '.join(LAWS)}"):
+            use()
+    assert elastic.LAWS == tuple(LAWS)

@@ -35,7 +35,7 @@ from datagen.family.place import placed
 from physics.scene import Scene, read_scene
 from physics.schema import InputError, nearest, quantity, read_table, read_toml
 
-LARGEST_SPLIT = 1_000_000  # indices of the next split begin there
+LARGEST_SPLIT = 1_000_000  # indices of the next split begin there, so that each can grow by itself
 FOLDER = Path(__file__).parents[1] / "families"
 SPLITS = ("train", "valid", "test")
 RANGES = ("uniform", "log-uniform", "choice")

@@ -54,7 +54,6 @@ from physics.whole import write_whole
 SCHEMA = 1
 NORMAL, OBSTACLE, AIRFOIL, HANDLE, INFLOW, OUTFLOW, WALL = range(7)
 KINDS = (NORMAL, OBSTACLE, AIRFOIL, HANDLE, INFLOW, OUTFLOW, WALL)
-PER_FRAME = ("reaction", "energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual", "snap", "released")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,11 +27,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.family.family import SPLITS
+from datagen.family.family import LARGEST_SPLIT, SPLITS
 from datagen.files.tfrecord import parse_example, read_records, write_example, write_records
 from datagen.files.trajectory import OBSTACLE, Trajectory, read_trajectory, write_trajectory
 from datagen.sets import dataset
-from datagen.sets.generate import STRIDE
 from datagen.sets.workers import progress
 from physics.mesh.boxes import tetrahedra
 from physics.mesh.cell import CELLS, OF_VTK
@@ -66,7 +65,7 @@ def import_records(folder: str | Path, out: str | Path, *, count: int | None = N
             if number == count:
                 break
             try:
-                trajectory = from_fields(_decoded(record, meta), index=SPLITS.index(split) * STRIDE + number,
+                trajectory = from_fields(_decoded(record, meta), index=SPLITS.index(split) * LARGEST_SPLIT + number,
                                          source=f"{path.name}, record {number}")
             except InputError as error:
                 raise InputError(f"{path}, record {number}: {error}") from None

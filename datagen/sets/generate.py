@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from datagen.family.family import SPLITS, Family, draw
+from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, draw
 from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.sets import dataset
@@ -40,7 +40,6 @@ from physics.solution import Solution, solve
 
 ATTEMPTS = 5
 AT_ONCE, CLUSTER = 4, 1.02
-STRIDE = 1_000_000  # indices of valid follow those of train at this distance, so that each split can grow by itself
 
 
 class OverTime(RuntimeError):
@@ -113,7 +112,7 @@ def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_l
     """The files of a data set, in order. Raises `InputError` for a bad seed."""
     if seed < 0:
         raise InputError(f"seed = {seed}: must be at least 0")
-    return [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * STRIDE + number, time_limit)
+    return [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * LARGEST_SPLIT + number, time_limit)
             for split, wanted in splits.items() for number in range(wanted)]
 
 

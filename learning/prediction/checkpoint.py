@@ -34,7 +34,7 @@ SCHEMA = 1
 
 
 @dataclass(frozen=True)
-class State:
+class Checkpoint:
     """Content of one checkpoint file.
 
     about: the header's JSON: config, step, seconds, best, fingerprint, versions
@@ -61,18 +61,18 @@ class Model:
     name: str
 
 
-def write_state(path: Path, state: State) -> None:
+def write_checkpoint(path: Path, saved: Checkpoint) -> None:
     """Write a whole checkpoint, or none. Raises OSError."""
-    tensors = {f"weights.{name}": value for name, value in state.weights.items()}
-    tensors |= {f"normaliser.{name}": value for name, value in state.normaliser.tensors().items()}
-    tensors |= {f"optimizer.{i}.{name}": value for i, entry in state.optimizer.items() for name, value in entry.items()}
-    if state.generator is not None:
-        tensors["generator"] = state.generator
-    about = json.dumps({"schema": SCHEMA, **state.about})
+    tensors = {f"weights.{name}": value for name, value in saved.weights.items()}
+    tensors |= {f"normaliser.{name}": value for name, value in saved.normaliser.tensors().items()}
+    tensors |= {f"optimizer.{i}.{name}": value for i, entry in saved.optimizer.items() for name, value in entry.items()}
+    if saved.generator is not None:
+        tensors["generator"] = saved.generator
+    about = json.dumps({"schema": SCHEMA, **saved.about})
     write_whole(path, save({name: value.detach().contiguous() for name, value in tensors.items()}, {"about": about}))
 
 
-def read_state(path: str | Path) -> State:
+def read_checkpoint(path: str | Path) -> Checkpoint:
     """Read a checkpoint. Raises `InputError` in one line when it is missing, cut short, or something else."""
     path = Path(path)
     if not path.is_file():
@@ -88,17 +88,17 @@ def read_state(path: str | Path) -> State:
             number, entry = name.split(".", 1)
             optimizer.setdefault(int(number), {})[entry] = value
         normaliser = Normaliser(**{field.name: tensors[f"normaliser.{field.name}"] for field in fields(Normaliser)})
-        return State(about, _under("weights.", tensors), normaliser, optimizer, tensors.get("generator"))
+        return Checkpoint(about, _under("weights.", tensors), normaliser, optimizer, tensors.get("generator"))
     except (SafetensorError, KeyError, ValueError, OSError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: not a whole checkpoint: {str(error).splitlines()[0]}") from None
 
 
-def load_weights(network: torch.nn.Module, state: State, path: str | Path) -> None:
+def load_weights(network: torch.nn.Module, saved: Checkpoint, path: str | Path) -> None:
     """Put a checkpoint's weights into a network. Raises `InputError` when they belong to a different one."""
     try:
-        network.load_state_dict(state.weights)
+        network.load_state_dict(saved.weights)
     except RuntimeError as error:
         lines = [line.strip() for line in str(error).splitlines()]
         raise InputError(f"{path}: its weights do not fit its config: {lines[min(1, len(lines) - 1)]}") from None
@@ -107,12 +107,12 @@ def load_weights(network: torch.nn.Module, state: State, path: str | Path) -> No
 def load_model(run: str | Path) -> Model:
     """The best network of a run folder. Raises `InputError` when the folder holds no whole one."""
     path = Path(run) / "model.safetensors"
-    state = read_state(path)
+    saved = read_checkpoint(path)
     keep_freed_memory()
-    config = read_table(TrainConfig, state.about.get("config"), f"{path}: config")
+    config = read_table(TrainConfig, saved.about.get("config"), f"{path}: config")
     network = M4GN(config.network)
-    load_weights(network, state, path)
-    return Model(config, network.eval(), state.normaliser, str(run))
+    load_weights(network, saved, path)
+    return Model(config, network.eval(), saved.normaliser, str(run))
 
 
 def _under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -25,14 +25,14 @@ from learning.graphs.graph import join
 from learning.networks.m4gn import products
 from learning.prediction.checkpoint import Model
 from learning.samples.estimate import estimate
-from learning.samples.samples import Case, build_case, describe
+from learning.samples.samples import Example, build_example, describe
 
 BATCH = 8  # poses at a time
 # Takes displacements (N, 3) of the body [m] and the number of their frame, and gives better ones.
-Corrector = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
+Correction = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 
-def rollout(model: Model, trajectory: Trajectory, *, correct: Corrector | None = None) -> Trajectory:
+def rollout(model: Model, trajectory: Trajectory, *, correct: Correction | None = None) -> Trajectory:
     """The predicted trajectory, from the rest state to the last frame.
 
     Args:
@@ -47,13 +47,13 @@ def rollout(model: Model, trajectory: Trajectory, *, correct: Corrector | None =
         FloatingPointError: a position that is not finite, with the step
         InputError: a mesh that cannot be segmented
     """
-    case = build_case(_blind(trajectory), replace(model.config, estimate=False))
+    example = build_example(_blind(trajectory), replace(model.config, estimate=False))
     start = time.perf_counter()  # segments are set up before, estimates are a part of predicting
     if model.config.estimate:
-        case = replace(case, estimate=estimate(case.trajectory, case.targets))
-    displacement = walk(model, case, correct)
+        example = replace(example, estimate=estimate(example.trajectory, example.targets))
+    displacement = walk(model, example, correct)
     seconds = (time.perf_counter() - start) / max(len(displacement) - 1, 1)
-    return replace(case.trajectory, displacement=displacement, per_frame={}, segment=case.skeleton.segment.astype(np.int32),
+    return replace(example.trajectory, displacement=displacement, per_frame={}, segment=example.skeleton.segment.astype(np.int32),
                    extra={"run": model.name, "seconds_per_step": seconds})
 
 
@@ -62,19 +62,19 @@ def _blind(trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, displacement=np.where(trajectory.free[:, None], np.float32(0), trajectory.displacement))
 
 
-def walk(model: Model, case: Case, correct: Corrector | None = None, *,
+def walk(model: Model, example: Example, correct: Correction | None = None, *,
          start: NDArray[np.floating] | float = 0.0) -> NDArray[np.float32]:
-    """(T, N, 3) displacement, free nodes predicted, the others as given; with scheme = "pose" at rest and at the case's targets.
+    """(T, N, 3) displacement, free nodes predicted, the others as given; with scheme = "pose" at rest and at the example's targets.
 
     start: (N, 3) displacement [m] of free nodes at frame 0, of which a pose knows nothing
     """
-    free, given, body = case.skeleton.free[:, None], case.trajectory.displacement, case.trajectory.body
+    free, given, body = example.skeleton.free[:, None], example.trajectory.displacement, example.trajectory.body
     predicted = given.copy()
     at_once = BATCH if model.config.scheme == "pose" else 1
     before = now = np.where(free, start, given[0]).astype(np.float64)  # (N, 3)
-    for first in range(0, len(case.targets), at_once):
-        targets = case.targets[first:first + at_once].tolist()
-        for target, found in zip(targets, _predict(model, case, targets, [now] * len(targets), [before] * len(targets)), strict=True):
+    for first in range(0, len(example.targets), at_once):
+        targets = example.targets[first:first + at_once].tolist()
+        for target, found in zip(targets, _predict(model, example, targets, [now] * len(targets), [before] * len(targets)), strict=True):
             after = np.where(free, found, given[target])
             if correct is not None:
                 after[body] = correct(after[body], target)
@@ -91,30 +91,30 @@ def predict_step(model: Model, trajectory: Trajectory, *, batch_size: int = 8) -
     true, free = trajectory.displacement, trajectory.free
     predicted = true[1:].copy()
     if model.config.scheme == "pose":
-        poses = walk(model, build_case(_blind(trajectory), model.config)).astype(np.float64)
+        poses = walk(model, build_example(_blind(trajectory), model.config)).astype(np.float64)
         predicted[:, free] = true[:-1, free] + (poses[1:] - poses[:-1])[:, free]
         return predicted
-    case = build_case(trajectory, model.config)
+    example = build_example(trajectory, model.config)
     for first in range(0, len(predicted), batch_size):
         steps = list(range(first, min(first + batch_size, len(predicted))))
-        found = _predict(model, case, [step + 1 for step in steps], [true[step] for step in steps],
+        found = _predict(model, example, [step + 1 for step in steps], [true[step] for step in steps],
                          [true[max(step - 1, 0)] for step in steps])
         for step, after in zip(steps, found, strict=True):
             predicted[step, free] = after[free]
     return predicted
 
 
-def rollout_error(model: Model, case: Case) -> float:
-    """Root mean square distance [m] of a rollout from the truth, over all free nodes and the case's targets."""
-    predicted = walk(model, replace(case, trajectory=_blind(case.trajectory)))
-    error = (predicted - case.trajectory.displacement)[case.targets][:, case.skeleton.free]
+def rollout_error(model: Model, example: Example) -> float:
+    """Root mean square distance [m] of a rollout from the truth, over all free nodes and the example's targets."""
+    predicted = walk(model, replace(example, trajectory=_blind(example.trajectory)))
+    error = (predicted - example.trajectory.displacement)[example.targets][:, example.skeleton.free]
     return float(np.sqrt((error.astype(np.float64) ** 2).sum(axis=-1).mean()))
 
 
-def _predict(model: Model, case: Case, targets: list[int], now: list[NDArray[np.floating]],
+def _predict(model: Model, example: Example, targets: list[int], now: list[NDArray[np.floating]],
              before: list[NDArray[np.floating]]) -> NDArray[np.float64]:
     """(frames, N, 3) predicted displacements [m] of some frames, from one and two frames before each."""
-    shown = [describe(case, target, u, v, model.config) for target, u, v in zip(targets, now, before, strict=True)]
+    shown = [describe(example, target, u, v, model.config) for target, u, v in zip(targets, now, before, strict=True)]
     with torch.inference_mode(), products(model.config.network):
         said = model.normaliser.velocity * model.network(model.normaliser.graph(join([each.graph for each in shown])))
     outputs = said.numpy().reshape(len(targets), -1, 3)

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from datagen.files.trajectory import as_solved
@@ -20,7 +19,7 @@ from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, elements, reduced, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
-from learning.report.evaluate import load_cases, report_on
+from learning.report.evaluate import evenly, load_cases, report_on
 from physics.mesh.build import build_mesh
 from physics.scene import load_scene
 from physics.schema import InputError
@@ -71,8 +70,7 @@ def scene_case(path: str | Path) -> list[Case]:
 def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:
     """At most `count` trajectories of a split, evenly spaced. Raises `InputError`."""
     found = files(folder, split)
-    chosen = np.unique(np.linspace(0, len(found) - 1, min(count, len(found))).round().astype(int))
-    return load_cases([found[i] for i in chosen])
+    return load_cases([found[i] for i in evenly(count, len(found))])
 
 
 def predictors(models: dict[str, Model]) -> list[Predictor]:

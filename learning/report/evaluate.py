@@ -20,8 +20,8 @@ import torch
 from tqdm import tqdm
 
 from datagen.files.prediction import read_truth
-from datagen.sets.generate import commit, versions
-from learning.prediction.checkpoint import Model, load_model, read_state
+from datagen.files.provenance import commit, processor, versions
+from learning.prediction.checkpoint import Model, load_model, read_checkpoint
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
@@ -71,14 +71,19 @@ def load_cases(files: Sequence[str | Path]) -> list[Case]:
     return [Case(Path(file).stem, *read_truth(file)) for file in files]
 
 
+def evenly(count: int, of: int) -> list[int]:
+    """At most `count` numbers from 0 to of - 1, evenly spaced."""
+    found: list[int] = np.unique(np.linspace(0, of - 1, min(count, of)).round().astype(int)).tolist()
+    return found
+
+
 def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model],
               refined: int, repeats: int = 1, say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder."""
     known = {run: read_seen(run) for run in runs}
     warm_up(cases[0].scene)
-    chosen = np.unique(np.linspace(0, len(cases) - 1, min(refined, len(cases))).round().astype(int)).tolist() if refined else []
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
-        found = measure(predictors, cases, sample=SAMPLE, refined=chosen, repeats=repeats, on_done=bar.update)
+        found = measure(predictors, cases, sample=SAMPLE, refined=evenly(refined, len(cases)), repeats=repeats, on_done=bar.update)
     out.mkdir(parents=True, exist_ok=True)
     spans = [span for span in known.values() if span is not None]
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
@@ -136,7 +141,7 @@ def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, re
         "timing": f"processor time of one process, one predictor after the other on each scene; {timed}",
     }
     for run, model in runs.items():
-        about = read_state(Path(run) / "model.safetensors").about
+        about = read_checkpoint(Path(run) / "model.safetensors").about
         facts[f"network {Path(run).name}"] = (
             f"M4GN from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
             f"{about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
@@ -144,7 +149,7 @@ def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, re
         "truth": f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
                  f"solved again here, it differs from the files by {1e3 * found.solved_again:.1e} mm at most (they hold 32-bit numbers)",
         "equations": f"checked at up to {SAMPLE} frames of each trajectory, everything else at all frames",
-        "machine": f"{_processor()}, {os.cpu_count()} cores; {platform.platform()}",
+        "machine": f"{processor()}, {os.cpu_count()} cores; {platform.platform()}",
         "threads": f"PyTorch {torch.get_num_threads()}; {threads}; the FE solver runs in one process",
         "versions": ", ".join(f"{name} {number}" for name, number in libraries.items()),
         "program": commit() or "not from a checkout",
@@ -216,12 +221,3 @@ def _words(values: Any) -> str:
 
 def _range(values: list[int]) -> str:
     return str(values[0]) if len(values) == 1 else f"{values[0]} to {values[-1]}"
-
-
-def _processor() -> str:
-    """The processor's name where Linux tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.machine()

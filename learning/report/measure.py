@@ -30,7 +30,7 @@ EXTREMES = {"largest_penetration": max, "smallest_det_f": min, "smallest_scaled_
 
 
 @dataclass(frozen=True)
-class Frame:
+class WorstFrame:
     """The frame of a rollout that is farthest from the truth."""
 
     case: Case
@@ -45,7 +45,7 @@ class Measurement:
     """Everything found: a row for each predictor that did all cases, worst frames of the learned ones, what went wrong."""
 
     rows: list[Row] = field(default_factory=list)
-    frames: list[Frame] = field(default_factory=list)
+    frames: list[WorstFrame] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     solved_again: float = 0.0  # [m] largest difference of the reference to the files
 
@@ -81,7 +81,7 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
                               sample=sample)
             each[predictor.name].append(_scores(fidelity, prediction, case) | _against(second, path, case))
             if predictor.kind == "learned":
-                found.frames.append(Frame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
+                found.frames.append(WorstFrame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
         release()
     found.rows = [_row(predictor, each[predictor.name]) for predictor in predictors if len(each[predictor.name]) == len(cases)]
     return found

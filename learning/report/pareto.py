@@ -13,7 +13,7 @@ from matplotlib.text import Text
 
 from learning.report.table import Row
 
-COLOURS = {"learned": "#c8102e", "hybrid": "#7b2d8b", "trivial": "#7a7d82", "fe": "#1f4e9c", "reduced": "#c77700",
+COLOURS = {"learned": "#c8102e", "trivial": "#7a7d82", "fe": "#1f4e9c", "hybrid": "#7b2d8b", "reduced": "#c77700",
            "reference": "#0b7a4b"}
 MARKERS = {"learned": "o", "hybrid": "P", "trivial": "D", "fe": "s", "reduced": "^", "reference": "*"}
 # Where a label may stand: its offset from the point in points, and which of its corners is put there.

@@ -19,7 +19,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from learning.report.pareto import measure_of, pareto_picture
+from datagen.files.prediction import finite
+from learning.report.pareto import COLOURS, measure_of, pareto_picture
 from learning.report.table import (
     COLUMNS,
     KINDS,
@@ -50,12 +51,7 @@ td,th[scope=row]{white-space:nowrap}
 tr:first-child th{border-bottom:2px solid #1c1d1f}
 tr th:first-child{text-align:left}
 th[scope=row],.key span{border-left:5px solid #fff}
-.learned th[scope=row],.key .learned{border-left-color:#c8102e}
-.trivial th[scope=row],.key .trivial{border-left-color:#7a7d82}
-.fe th[scope=row],.key .fe{border-left-color:#1f4e9c}
-.hybrid th[scope=row],.key .hybrid{border-left-color:#7b2d8b}
-.reduced th[scope=row],.key .reduced{border-left-color:#c77700}
-.reference th[scope=row],.key .reference{border-left-color:#0b7a4b}
+""" + "".join(f".{kind} th[scope=row],.key .{kind}{{border-left-color:{colour}}}\n" for kind, colour in COLOURS.items()) + """\
 .alarm{background:#fff3cd;border-left:5px solid #c8102e;padding:.6rem 1rem;max-width:54rem}
 .key,figcaption{font-size:.88rem;color:#55585c;max-width:54rem}
 .key span{padding:0 1.2rem 0 .4rem}
@@ -71,7 +67,7 @@ dd{margin:0;overflow-wrap:anywhere}
 def write_report(out: Path, report: Report) -> dict[str, Any]:
     """Write the folder, into which the pictures of frames have been put before. Gives the content of report.json."""
     out.mkdir(parents=True, exist_ok=True)
-    content = _plain({"summary": plain(headline(report)), "improvement_over_nothing_moves": improvement(report.rows),
+    content = finite({"summary": plain(headline(report)), "improvement_over_nothing_moves": improvement(report.rows),
                       "far_outside": far_outside(report, ALARM), **asdict(report)})
     (out / "report.json").write_text(json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
     with open(out / "table.csv", "w", newline="") as file:
@@ -201,12 +197,3 @@ def _list(entries: dict[str, str]) -> str:
 def _bold(text: str) -> str:
     """Escaped text, except for <b> and </b>."""
     return escape(text).replace("&lt;b&gt;", "<b>").replace("&lt;/b&gt;", "</b>")
-
-
-def _plain(value: Any) -> Any:
-    """The same for JSON, which knows neither nan nor inf."""
-    if isinstance(value, dict):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -60,7 +60,7 @@ INPUTS = ("node", "mesh_edge", "contact_edge")
 
 
 @dataclass(frozen=True)
-class Case:
+class Example:
     """A trajectory and what its graphs have in common.
 
     targets: (F,) the frames to predict, ascending, none of them 0
@@ -101,14 +101,14 @@ class Normaliser:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-def load_cases(files: Sequence[str | Path], config: TrainConfig, *, walk: bool = False) -> list[Case]:
+def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: bool = False) -> list[Example]:
     """Read and segment trajectory files. Raises `InputError` for none at all, and for one damaged or of a single frame.
 
-    walk: the cases are to be walked through, which for scheme = "step" takes every frame
+    walk: the examples are to be walked through, which for scheme = "step" takes every frame
     """
     if not files:
         raise InputError("no trajectory files given")
-    cases = []
+    examples = []
     for path in tqdm(files, desc="load", disable=None, leave=False):
         trajectory = read_trajectory(path)
         found = problems(trajectory)
@@ -120,14 +120,14 @@ def load_cases(files: Sequence[str | Path], config: TrainConfig, *, walk: bool =
         count = last if walk and config.scheme == "step" else min(config.frames or last, last)
         targets = np.linspace(0, last, count + 1).round().astype(np.int64)[1:]
         try:
-            cases.append(build_case(trajectory, config, targets=targets, cache=CACHE))
+            examples.append(build_example(trajectory, config, targets=targets, cache=CACHE))
         except (InputError, FloatingPointError) as error:
             raise InputError(f"{path}: {error}") from None
-    return cases
+    return examples
 
 
-def build_case(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[np.int64] | None = None,
-               cache: Path | None = None) -> Case:
+def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[np.int64] | None = None,
+                  cache: Path | None = None) -> Example:
     """Segment a trajectory in memory and collect what its graphs have in common.
 
     Args:
@@ -138,7 +138,7 @@ def build_case(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[
         targets = np.arange(1, len(trajectory.displacement))
     skeleton = build_skeleton(trajectory, segments_of(trajectory, config), overlap=config.overlap, walk=config.network.walk)
     found = estimate(trajectory, targets, cache=cache) if config.estimate else None
-    return Case(trajectory, skeleton, targets, found)
+    return Example(trajectory, skeleton, targets, found)
 
 
 def segments_of(trajectory: Trajectory, config: TrainConfig) -> NDArray[np.int32]:
@@ -149,26 +149,27 @@ def segments_of(trajectory: Trajectory, config: TrainConfig) -> NDArray[np.int32
                    mode_count=config.mode_count)
 
 
-def describe(case: Case, target: int, now: NDArray[np.floating], before: NDArray[np.floating], config: TrainConfig) -> Sample:
+def describe(example: Example, target: int, now: NDArray[np.floating], before: NDArray[np.floating], config: TrainConfig) -> Sample:
     """What a frame is predicted from.
 
     Args:
-        target: 1 .. T - 1; with an estimate, one of the case's targets
+        target: 1 .. T - 1; with an estimate, one of the example's targets
         now, before: (N, 3) displacements [m] one and two frames before; read by scheme = "step" alone
     """
-    skeleton, free = case.skeleton, case.skeleton.free[:, None]  # (N, 1)
-    given = case.trajectory.displacement[target].astype(np.float64)
-    base, unit = np.zeros_like(given), unit_of(case, target)
-    if case.estimate is not None:
-        base[:], answer = case.estimate.at(target)
+    skeleton, free = example.skeleton, example.skeleton.free[:, None]  # (N, 1)
+    given = example.trajectory.displacement[target].astype(np.float64)
+    base, unit = np.zeros_like(given), 1.0
+    if example.estimate is not None:
+        base[:], answer = example.estimate.at(target)
+        unit = unit_of(answer, skeleton.free)
     if config.scheme == "pose":
         shown, velocity = np.where(free, base, given), np.zeros_like(given)
-        known = velocity if case.estimate is None else answer / unit
+        known = velocity if example.estimate is None else answer / unit
     else:
         shown = np.asarray(now, np.float64)
         velocity = given - shown
         known = shown - before if config.history else np.zeros_like(shown)
-        if case.estimate is None:
+        if example.estimate is None:
             base = shown + known
         else:
             known = base - shown
@@ -176,42 +177,39 @@ def describe(case: Case, target: int, now: NDArray[np.floating], before: NDArray
     return Sample(graph, base, unit)
 
 
-def unit_of(case: Case, target: int) -> float:
-    """The unit [m] of a frame's output: 1 without an estimate."""
-    if case.estimate is None:
-        return 1.0
-    answer = case.estimate.at(target)[1][case.skeleton.free].astype(np.float64)
-    return max(SMALLEST, float(np.sqrt((answer**2).sum(axis=1).mean())))
+def unit_of(answer: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
+    """The unit [m] of the output for a frame with an estimate, from the answer (N, 3) [m] to the forces that this leaves over."""
+    return max(SMALLEST, float(np.sqrt((answer[free].astype(np.float64)**2).sum(axis=1).mean())))
 
 
-def sample(case: Case, frame: int, config: TrainConfig, generator: torch.Generator) -> tuple[Graph, Tensor]:
+def sample(example: Example, frame: int, config: TrainConfig, generator: torch.Generator) -> tuple[Graph, Tensor]:
     """The graph from which the frame after a given one is predicted, and what a network should say (N, 3) in the sample's unit.
 
     Args:
         frame: from 0 to T - 2; for scheme = "step" it is the one that is shown, disturbed
         config: its scheme, contact_radius and noise are used; without noise the frame and the generator are left alone
     """
-    displacement, free = case.trajectory.displacement, case.skeleton.free
+    displacement, free = example.trajectory.displacement, example.skeleton.free
     now = displacement[frame].astype(np.float64)
     if config.noise and config.scheme == "step":
         disturbance = config.noise * torch.randn(now.shape, generator=generator).numpy()
         now = now + np.where(free[:, None], disturbance, 0.0)
-    shown = describe(case, frame + 1, now, displacement[max(frame - 1, 0)], config)
+    shown = describe(example, frame + 1, now, displacement[max(frame - 1, 0)], config)
     target = (displacement[frame + 1] - shown.base) / shown.unit
     return shown.graph, torch.from_numpy(target.astype(np.float32))
 
 
-def fit_normaliser(cases: Sequence[Case], config: TrainConfig) -> Normaliser:
+def fit_normaliser(examples: Sequence[Example], config: TrainConfig) -> Normaliser:
     """Scales from at most 1000 frames, spread evenly over the given (training) trajectories."""
-    frames = all_frames(cases)
+    frames = all_frames(examples)
     frames = frames[np.unique(np.linspace(0, len(frames) - 1, FIT_FRAMES).astype(int))]
     generator = torch.Generator().manual_seed(0)
     moments = {name: Moments() for name in (*INPUTS, "velocity")}
     for which, frame in frames.tolist():
-        graph, velocity = sample(cases[which], frame, config, generator)
+        graph, velocity = sample(examples[which], frame, config, generator)
         for name in INPUTS:
             moments[name].add(getattr(graph, name))
-        moments["velocity"].add(velocity[torch.from_numpy(cases[which].skeleton.free)].reshape(-1, 1))
+        moments["velocity"].add(velocity[torch.from_numpy(examples[which].skeleton.free)].reshape(-1, 1))
     floor = 1e-6 * float(moments["mesh_edge"].mean[3])
     scale = moments["velocity"].mean_square.sqrt().float()
     tables = {name: moments[name].table(floor) for name in INPUTS}
@@ -248,13 +246,13 @@ class Moments:
         return torch.stack([self.mean, torch.where(deviation > floor, deviation, 1.0)]).float()
 
 
-def all_frames(cases: Sequence[Case]) -> NDArray[np.int64]:
-    """(samples, 2) every pair of a case's number and a frame before one of its targets."""
-    return np.concatenate([np.stack([np.full(len(case.targets), which), case.targets - 1], axis=1)
-                           for which, case in enumerate(cases)])
+def all_frames(examples: Sequence[Example]) -> NDArray[np.int64]:
+    """(samples, 2) every pair of an example's number and a frame before one of its targets."""
+    return np.concatenate([np.stack([np.full(len(example.targets), which), example.targets - 1], axis=1)
+                           for which, example in enumerate(examples)])
 
 
-def chances(cases: Sequence[Case]) -> Tensor | None:
+def chances(examples: Sequence[Example]) -> Tensor | None:
     """(samples,) how often each pair of `all_frames` is to be drawn; None where all are alike, without estimates.
 
     The error of a path is the root mean square over its frames, and what counts is its mean over paths. Its derivative by the
@@ -262,19 +260,19 @@ def chances(cases: Sequence[Case]) -> Tensor | None:
     Half of the draws follow that, half are even.
     """
     shares = []
-    for case in cases:
-        if case.estimate is None:
+    for example in examples:
+        if example.estimate is None:
             return None
-        unit = np.array([unit_of(case, frame) for frame in case.targets.tolist()])
+        unit = np.array([unit_of(answer, example.skeleton.free) for answer in example.estimate.answer])
         shares.append(unit**2 / np.sqrt(np.mean(unit**2)))
     share = np.concatenate(shares)
     return torch.from_numpy(np.minimum(share / share.mean(), OFTENEST) + 1)
 
 
-def fingerprint(cases: Sequence[Case]) -> str:
+def fingerprint(examples: Sequence[Example]) -> str:
     """SHA-256 over rest positions and displacements: tells whether two trainings saw the same data."""
     digest = hashlib.sha256()
-    for case in cases:
-        digest.update(np.ascontiguousarray(case.trajectory.points, "<f8").tobytes())
-        digest.update(np.ascontiguousarray(case.trajectory.displacement, "<f4").tobytes())
+    for example in examples:
+        digest.update(np.ascontiguousarray(example.trajectory.points, "<f8").tobytes())
+        digest.update(np.ascontiguousarray(example.trajectory.displacement, "<f4").tobytes())
     return digest.hexdigest()

@@ -2,5 +2,6 @@
 
     processes   several processes on one training
     curve       what a training says of itself as it goes
+    run         a training between two steps: begun, resumed, kept
     train       the loop
 """

@@ -15,17 +15,13 @@ Source: Lei et al., M4GN, appendix "Training Details"; Pfaff et al. 2021, append
 from __future__ import annotations
 
 import math
-import platform
 import time
 from collections.abc import Sequence
-from importlib.metadata import version
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
-import safetensors
-import scipy
 import tomli_w
 import torch
 from numpy.typing import NDArray
@@ -34,15 +30,15 @@ from tqdm import tqdm
 
 from learning.config import TrainConfig
 from learning.graphs.graph import Graph, join
-from learning.networks.m4gn import M4GN, products
-from learning.prediction.checkpoint import Model, State, load_weights, read_state, write_state
+from learning.networks.m4gn import products
 from learning.prediction.memory import keep_freed_memory
 from learning.prediction.rollout import rollout_error
-from learning.samples.samples import Case, Normaliser, all_frames, chances, fingerprint, fit_normaliser, load_cases, sample
+from learning.samples.samples import Example, Normaliser, all_frames, chances, load_examples, sample
 from learning.samples.seen import seen, write_seen
 from learning.training.curve import Curve
 from learning.training.processes import Processes, processes
-from physics.schema import InputError, read_table, to_table
+from learning.training.run import Run, set_up
+from physics.schema import InputError
 from physics.whole import write_whole
 
 REPORT_EVERY = 50  # steps
@@ -69,82 +65,59 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         InputError: bad files, a run of other data or config, a damaged checkpoint, a folder that holds a run already
         FloatingPointError: a loss that is not finite; the run folder keeps the last checkpoint
     """
+    out = Path(out)
     keep_freed_memory()
     with processes(config) as group:
-        return _train(config, files_train, files_valid, Path(out), steps, resume, group)
+        if not resume and (out / "last.safetensors").exists():
+            raise InputError(f"{out} holds a training already: resume it, or choose another folder")
+        examples = load_examples(files_train, config)
+        examples_valid = load_examples(files_valid, config, walk=True) if files_valid else []
+        run = set_up(config, examples, out, resume=resume)
+        if group.first:
+            write_whole(out / "config.toml", tomli_w.dumps(run.about.config).encode())
+            write_seen(out, seen(example.trajectory for example in examples))
+        about, before = run.about, replace(run.about)
+        _loop(run, examples, examples_valid, config.steps if steps is None else min(steps, config.steps), group)
+    return {"run": str(out), "steps": about.step, "seconds": about.seconds,
+            "ms_per_step": 1e3 * (about.seconds - before.seconds) / max(about.step - before.step, 1),
+            "loss": about.loss, "best_error": about.best_error, "best_step": about.best_step, "last_error": about.last_error,
+            "parameters": sum(p.numel() for p in run.model.network.parameters()), "samples": len(all_frames(examples))}
 
 
-def _train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: Sequence[str | Path], out: Path, steps: int | None,
-           resume: bool, group: Processes) -> dict[str, Any]:
-    if not resume and (out / "last.safetensors").exists():
-        raise InputError(f"{out} holds a training already: resume it, or choose another folder")
-    cases = load_cases(files_train, config)
-    cases_valid = load_cases(files_valid, config, walk=True) if files_valid else []
-    frames, chance = all_frames(cases), chances(cases)
-    about = {"config": to_table(config), "fingerprint": fingerprint(cases), "versions": _versions(), "step": 0,
-             "seconds": 0.0, "loss": None, "best_error": None, "best_step": None, "last_error": None}
-
-    torch.manual_seed(config.seed)
-    network = M4GN(config.network)
-    if config.estimate:  # begin with the estimate as it is
-        torch.nn.init.zeros_(network.decode.third.weight)
-        torch.nn.init.zeros_(network.decode.third.bias)
-    optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
-    generator = torch.Generator().manual_seed(config.seed)
-    if resume:
-        state = read_state(out / "last.safetensors")
-        if state.generator is None:
-            raise InputError(f"{out / 'last.safetensors'} holds a network but no state of a training: it cannot be resumed")
-        _check_same_run(state.about, about, out)
-        about = {**state.about, "config": about["config"], "versions": about["versions"]}
-        normaliser = state.normaliser
-        load_weights(network, state, out / "last.safetensors")
-        optimizer.load_state_dict({"state": state.optimizer, "param_groups": optimizer.state_dict()["param_groups"]})
-        generator.set_state(state.generator)
-    else:
-        normaliser = fit_normaliser(cases, config)
-    if group.first:
-        write_whole(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
-        write_seen(out, seen(case.trajectory for case in cases))
-    curve = Curve(out if group.first else None, about["step"])
-    start = time.perf_counter() - about["seconds"]
-    model, learner = Model(config, network, normaliser, str(out)), group.learner(network)
+def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Example], last: int, group: Processes) -> None:
+    """Steps until the last one or the end of the budget, and what is said and kept on the way."""
+    config, about, model = run.model.config, run.about, run.model
+    frames, chance = all_frames(examples), chances(examples)
+    curve, learner = Curve(run.out if group.first else None, about.step), group.learner(model.network)
     losses: list[float] = []
-    last = config.steps if steps is None else min(steps, config.steps)
-    first_step, first_second = about["step"], time.perf_counter()
-    ended = about["step"] >= last or progress(config, about["step"], about["seconds"]) >= 1
-
+    start = time.perf_counter() - about.seconds
+    ended = about.step >= last or progress(config, about.step, about.seconds) >= 1
     with curve, tqdm(total=100, desc="train", disable=None if group.first else True, bar_format=BAR) as bar, products(config.network):
         while not ended:
-            rate = learning_rate(config, progress(config, about["step"], group.agreed(time.perf_counter() - start)))
-            optimizer.param_groups[0]["lr"] = rate
-            batch = draw(cases, frames, chance, config, generator)
-            losses.append(_step(learner, optimizer, normaliser, config, batch, group))
-            about["step"] += 1
-            about["seconds"] = group.agreed(time.perf_counter() - start)
+            rate = learning_rate(config, progress(config, about.step, group.agreed(time.perf_counter() - start)))
+            run.optimizer.param_groups[0]["lr"] = rate
+            batch = draw(examples, frames, chance, config, run.generator)
+            losses.append(_step(learner, run.optimizer, model.normaliser, config, batch, group))
+            about.step += 1
+            about.seconds = group.agreed(time.perf_counter() - start)
             if not math.isfinite(losses[-1]):
-                raise FloatingPointError(f"the loss is {losses[-1]} at step {about['step']}, learning rate {rate:.2g}: "
-                                         f"choose a lower one; {out} keeps the state of the last checkpoint")
-            done = progress(config, about["step"], about["seconds"])
-            ended = about["step"] == last or done >= 1
-            if about["step"] % REPORT_EVERY == 0 or ended:
-                about["loss"] = float(np.mean(losses))
+                raise FloatingPointError(f"the loss is {losses[-1]} at step {about.step}, learning rate {rate:.2g}: "
+                                         f"choose a lower one; {run.out} keeps the state of the last checkpoint")
+            done = progress(config, about.step, about.seconds)
+            ended = about.step == last or done >= 1
+            if about.step % REPORT_EVERY == 0 or ended:
+                about.loss = float(np.mean(losses))
                 losses.clear()
-                curve.add(about["step"], seconds=about["seconds"], loss=about["loss"], learning_rate=rate)
-                error = "" if about["last_error"] is None else f" error {about['last_error']:.2e} m"
-                bar.set_postfix_str(f"step {about['step']} loss {about['loss']:.3g}{error}", refresh=False)
+                curve.add(about.step, seconds=about.seconds, loss=about.loss, learning_rate=rate)
+                error = "" if about.last_error is None else f" error {about.last_error:.2e} m"
+                bar.set_postfix_str(f"step {about.step} loss {about.loss:.3g}{error}", refresh=False)
                 bar.update(100 * min(done, 1.0) - bar.n)
-            if about["step"] % config.validate_every == 0 or ended:
+            if about.step % config.validate_every == 0 or ended:
                 if group.first:
-                    _validate(model, cases_valid, about, curve, out)
-                about["seconds"] = group.agreed(time.perf_counter() - start)
+                    _validate(run, examples_valid, curve)
+                about.seconds = group.agreed(time.perf_counter() - start)
                 if group.first:
-                    write_state(out / "last.safetensors", _state(model, about, optimizer, generator))
-
-    return {"run": str(out), "steps": about["step"], "seconds": about["seconds"],
-            "ms_per_step": 1e3 * (time.perf_counter() - first_second) / max(about["step"] - first_step, 1),
-            **{key: about[key] for key in ("loss", "best_error", "best_step", "last_error")},
-            "parameters": sum(p.numel() for p in network.parameters()), "samples": len(frames)}
+                    run.keep("last", whole=True)
 
 
 def learning_rate(config: TrainConfig, done: float) -> float:
@@ -158,7 +131,7 @@ def progress(config: TrainConfig, step: int, seconds: float) -> float:
     return max(step / config.steps, seconds / config.budget_seconds if config.budget_seconds else 0.0)
 
 
-def draw(cases: Sequence[Case], frames: NDArray[np.int64], chance: Tensor | None, config: TrainConfig,
+def draw(examples: Sequence[Example], frames: NDArray[np.int64], chance: Tensor | None, config: TrainConfig,
          generator: torch.Generator) -> list[tuple[Graph, Tensor, Tensor]]:
     """A batch: of each sample its graph, its target (N, 3) and which of its nodes are free (N,)."""
     if chance is None:
@@ -166,7 +139,7 @@ def draw(cases: Sequence[Case], frames: NDArray[np.int64], chance: Tensor | None
     else:
         picked = torch.multinomial(chance, config.batch_size, replacement=True, generator=generator)
     drawn = frames[picked.numpy()].tolist()
-    return [(*sample(cases[which], frame, config, generator), torch.from_numpy(cases[which].skeleton.free)) for which, frame in drawn]
+    return [(*sample(examples[which], frame, config, generator), torch.from_numpy(examples[which].skeleton.free)) for which, frame in drawn]
 
 
 def _step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
@@ -184,40 +157,16 @@ def _step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Norm
     return group.total(loss.item())
 
 
-def _validate(model: Model, cases: Sequence[Case], about: dict[str, Any], curve: Curve, out: Path) -> None:
+def _validate(run: Run, examples: Sequence[Example], curve: Curve) -> None:
     """Roll the validation trajectories out, write the error down, and keep the network when it is the best so far."""
-    error = None
-    if cases:
+    about, error = run.about, None
+    if examples:
         try:
-            error = float(np.mean([rollout_error(model, case) for case in cases]))
+            error = float(np.mean([rollout_error(run.model, example) for example in examples]))
         except FloatingPointError:  # an early network may blow up: no error figure then, and training goes on
             pass
-        curve.add(about["step"], seconds=about["seconds"], error=error)
-    about["last_error"] = error
-    if not cases or (error is not None and error < (about["best_error"] or math.inf)) or about["best_step"] is None:
-        about["best_error"], about["best_step"] = error, about["step"]
-        write_state(out / "model.safetensors", _state(model, about))
-
-
-def _state(model: Model, about: dict[str, Any], optimizer: torch.optim.Optimizer | None = None,
-           generator: torch.Generator | None = None) -> State:
-    return State(about, model.network.state_dict(), model.normaliser, optimizer.state_dict()["state"] if optimizer else {},
-                 generator.get_state() if generator else None)
-
-
-def _check_same_run(saved: dict[str, Any], asked: dict[str, Any], out: Path) -> None:
-    """Raise `InputError` unless data and config are those of the saved run; its end (steps, budget_seconds) may be moved."""
-    saved = {**saved, "config": to_table(read_table(TrainConfig, saved["config"]))}  # with the defaults of keys it did not know
-    if saved["fingerprint"] != asked["fingerprint"]:
-        raise InputError(f"{out} was trained on other data: it cannot be resumed with these files")
-    trained = to_table(read_table(TrainConfig, saved["config"], f"{out}: config"))  # keys of later versions at their defaults
-    keys = (trained.keys() | asked["config"].keys()) - {"steps", "budget_seconds"}
-    changed = sorted(key for key in keys if trained.get(key) != asked["config"].get(key))
-    if changed:
-        raise InputError(f"{out} was trained with another {changed[0]} ({trained.get(changed[0])}, "
-                         f"not {asked['config'].get(changed[0])}): it cannot be resumed")
-
-
-def _versions() -> dict[str, str]:
-    modules = {module.__name__: module.__version__ for module in (torch, np, scipy, h5py, safetensors)}
-    return {"python": platform.python_version(), **modules, "pymetis": version("pymetis")}
+        curve.add(about.step, seconds=about.seconds, error=error)
+    about.last_error = error
+    if not examples or (error is not None and error < (about.best_error or math.inf)) or about.best_step is None:
+        about.best_error, about.best_step = error, about.step
+        run.keep("model")

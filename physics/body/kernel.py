@@ -28,6 +28,7 @@ from physics import fem
 from physics.body.element import Samples
 from physics.body.material import LAWS
 from physics.linalg.native import compiled, pointer
+from physics.schema import Bound
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +39,8 @@ class Kernel:
     """The sample points of one mesh, ready for a law. Every call adds to, or fills, the array that it returns."""
 
     def __init__(self, law: str, cells: NDArray[np.int64], samples: Samples) -> None:
-        """Args: law of material.py; cells (C, n)."""
+        """Args: law of material.py; cells (C, n). Raises `InputError` for an unknown law."""
+        Bound(choice=tuple(LAWS)).check(law, "material.law")
         self.cells = np.ascontiguousarray(cells, np.int32)
         self._table, self._parts = _packs(samples), samples.parts
         self._library = _library(law, self.cells.shape[1], len(samples.volumes))

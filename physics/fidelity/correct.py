@@ -9,8 +9,6 @@ Legend: N nodes.
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,18 +25,15 @@ class Corrector:
 
     Attributes:
         iterations: Newton steps so far; factorisations: factors so far
-        set_up: seconds that the equations took to be set up
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, *, count: int | None = 1) -> None:
         """Args: count Newton steps for each frame, at most; None: to the solver's tolerance."""
-        started = time.perf_counter()
         self.balance, self.count = Balance(scene, mesh), count
         self.newton = Newton(self.balance)
         contact = self.balance.contact
         self._last = State(0.0, np.zeros_like(mesh.points), np.zeros(0 if contact is None else len(contact.surface.area)))
         self.iterations = 0
-        self.set_up = time.perf_counter() - started
 
     def __call__(self, u: Floats, fraction: float) -> Floats:
         """Displacements (N, 3) after the steps; held components are put on their prescription.

@@ -20,9 +20,10 @@ from scipy.sparse.linalg import splu
 
 from physics.body.element import samples
 from physics.mesh.mesh import Mesh
+from physics.schema import Bound
 
 Floats = NDArray[np.float64]
-CHUNK = 64  # right-hand sides solved for at a time
+LAWS = ("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear")
 
 
 class Elastic:
@@ -35,7 +36,8 @@ class Elastic:
     """
 
     def __init__(self, mesh: Mesh, held: NDArray[np.bool_], law: str, poisson_ratio: float) -> None:
-        """Args: held (N,) nodes; law: see physics/body/material.py."""
+        """Args: held (N,) nodes; law: see physics/body/material.py. Raises `InputError` for an unknown one."""
+        Bound(choice=LAWS).check(law, "material.law")
         self.law = law
         self.lame = poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)), 0.5 / (1 + poisson_ratio)
         nodes, (cells, n) = len(mesh.points), mesh.cells.shape

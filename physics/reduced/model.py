@@ -16,8 +16,6 @@ Legend: N nodes, r shapes, T steps + 1, k contact points near the obstacle.
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
@@ -43,11 +41,10 @@ class Reduced:
     """The equations of a scene in a small space.
 
     Attributes:
-        shapes: (3 N, r) V, orthonormal; set_up: seconds that it took; iterations: Newton steps so far
+        shapes: (3 N, r) V, orthonormal; iterations: Newton steps so far
     """
 
     def __init__(self, scene: Scene, mesh: Mesh) -> None:
-        started = time.perf_counter()
         self.balance = balance = Balance(scene, mesh)
         self._stiffness = factor_for(balance.elasticity)
         self._stiffness.update(np.zeros_like(mesh.points))
@@ -64,12 +61,11 @@ class Reduced:
         floor = 1e-9 * max(abs(mode).max() for mode in modes)
         self.shapes = _span([shape for shape in (*modes, *second, *third, *self._responses()) if abs(shape).max() > floor])
         self.shapes[~self._free.ravel()] = 0.0  # to the last bit
-        self.iterations, self.set_up = 0, 0.0
+        self.iterations = 0
         self._inverse: Floats | None = None
         self._excess = 0  # Newton steps beyond two an equilibrium with the kept stiffness
         self._zone: Zone | None = None
         self._renew(np.zeros(self.shapes.shape[1]), 0.0)
-        self.set_up = time.perf_counter() - started
 
     def path(self, steps: int) -> Floats:
         """(T, N, 3) displacements over the whole loading, in equal steps. Raises `NoEquilibrium`."""

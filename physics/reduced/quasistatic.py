@@ -52,8 +52,8 @@ STIFFNESS = 2e4  # of contact, in units of Young's modulus over the size of a ce
 
 
 @dataclass(frozen=True)
-class _State:
-    """centre (3,) of the obstacle; q (r,); local (N, 3) what the small space cannot do [m]; pressure (A,) and push (M,) contact forces."""
+class _Pressed:
+    """A body under the obstacle at a centre (3,): q (r,), local (N, 3) [m] beyond the small space; pressure (A,), push (M,) of contact."""
 
     centre: Floats
     q: Floats
@@ -177,14 +177,14 @@ class Estimator:
         count = max(1, int(np.ceil((self._way[end] - self._way[start]) / stride)))
         return np.unique(np.linspace(start, end, count + 1).round().astype(int))[1:].tolist()
 
-    def _rest(self) -> _State:
+    def _rest(self) -> _Pressed:
         size, surface = self._elastic.size, len(self.surface.area)
-        return _State(self.centres[0], np.zeros(self._model.space.shape[1]), np.zeros((size // 3, 3)), np.zeros(surface), np.zeros(size))
+        return _Pressed(self.centres[0], np.zeros(self._model.space.shape[1]), np.zeros((size // 3, 3)), np.zeros(surface), np.zeros(size))
 
-    def _displacement(self, state: _State) -> Floats:
+    def _displacement(self, state: _Pressed) -> Floats:
         return (self._model.space @ state.q).reshape(-1, 3) + state.local
 
-    def _advance(self, centre: Floats, state: _State, c: Floats, depth: int = 0) -> _State:
+    def _advance(self, centre: Floats, state: _Pressed, c: Floats, depth: int = 0) -> _Pressed:
         """The state at a pose, from one at another pose: in one go, or in two halves where that does not lead there.
 
         Where 2^-HALVINGS of the way is still too far, the body stays as it is: the forces left over tell how bad the estimate is.
@@ -197,7 +197,7 @@ class Estimator:
         state = self._advance(state.centre + way / 2, state, c, depth + 1)
         return self._advance(centre, state, c, depth + 1)
 
-    def _newton(self, centre: Floats, state: _State, c: Floats) -> _State | None:
+    def _newton(self, centre: Floats, state: _Pressed, c: Floats) -> _Pressed | None:
         """The state at a pose from one nearby; None where Newton's method does not find it."""
         space, rest = self._model.space, self.mesh.points
         gap, _ = self.obstacle.gap(self.surface.weights @ (rest + self._displacement(state)), centre)
@@ -253,7 +253,7 @@ class Estimator:
         whole, push = np.zeros_like(state.pressure), np.zeros(len(space))
         whole[zone], push[component] = pressure, along.T @ p
         push[self._elastic.held] = 0.0
-        return _State(centre, q, (self._answers[:, columns] @ force).reshape(-1, 3) @ turn.T, whole, push)
+        return _Pressed(centre, q, (self._answers[:, columns] @ force).reshape(-1, 3) @ turn.T, whole, push)
 
     def _turning(self, points: Floats, centre: Floats) -> Floats:
         """(b, 3, 3) derivative of the obstacle's normals by the places (b, 3) [m], by central differences."""

@@ -31,7 +31,7 @@ INDEPENDENT = 1e-9  # of the energy of normed vectors: what lies below is roundi
 
 
 class Reduced:
-    """Attributes: space Phi (M, r), orthonormal in the rest stiffness; nodal (N, 3, r) the same."""
+    """Attributes: space Phi (M, r), orthonormal in the rest stiffness."""
 
     def __init__(self, elastic: Elastic, vectors: Sequence[Floats]) -> None:
         """Args: vectors, (M,) each, zero on held components."""
@@ -52,7 +52,6 @@ class Reduced:
 
     def _build(self) -> None:
         r = self.space.shape[1]
-        self.nodal = self.space.reshape(-1, 3, r)
         h = np.stack([self._elastic.gradient(self.space[:, k])[self._points] for k in range(r)]).astype(np.float32)  # (r, Q, 3, 3)
         first, second = np.triu_indices(r)
         self._first, self._second = first, second

@@ -1,0 +1,106 @@
+"""A training between two of its steps: its network, Adam, its random generator, and what it knows of itself; begun, or read to go on."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import safetensors
+import scipy
+import torch
+
+from learning.config import TrainConfig
+from learning.networks.m4gn import M4GN
+from learning.prediction.checkpoint import Checkpoint, Model, load_weights, read_checkpoint, write_checkpoint
+from learning.samples.samples import Example, fingerprint, fit_normaliser
+from physics.schema import InputError, read_table, to_table
+
+
+@dataclass
+class About:
+    """What a run knows of itself, as the header of its checkpoints tells it; errors in metres.
+
+    config: as a table; fingerprint: of the training data; versions: of the libraries
+    step, seconds: trained so far; loss: the mean of the last steps
+    best_error, best_step: of the network that is kept; last_error: of the last validation
+    """
+
+    config: dict[str, Any]
+    fingerprint: str
+    versions: dict[str, str]
+    step: int = 0
+    seconds: float = 0.0
+    loss: float | None = None
+    best_error: float | None = None
+    best_step: int | None = None
+    last_error: float | None = None
+
+
+@dataclass
+class Run:
+    """What changes from step to step, and the folder in which it is kept."""
+
+    out: Path
+    about: About
+    model: Model
+    optimizer: torch.optim.Optimizer
+    generator: torch.Generator
+
+    def keep(self, name: str, *, whole: bool = False) -> None:
+        """Write RUN/NAME.safetensors: what predicts; the whole: all that is needed to go on."""
+        adam, dice = (self.optimizer.state_dict()["state"], self.generator.get_state()) if whole else ({}, None)
+        saved = Checkpoint(vars(self.about), self.model.network.state_dict(), self.model.normaliser, adam, dice)
+        write_checkpoint(self.out / f"{name}.safetensors", saved)
+
+
+def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resume: bool) -> Run:
+    """A run before its first step, or as its last checkpoint left it.
+
+    Raises:
+        InputError: there is no checkpoint to go on from, it is damaged, or its data or config are not these
+    """
+    about = About(to_table(config), fingerprint(examples), _versions())
+    torch.manual_seed(config.seed)
+    network = M4GN(config.network)
+    optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
+    generator = torch.Generator().manual_seed(config.seed)
+    if not resume:
+        if config.estimate:  # begin with the estimate as it is
+            torch.nn.init.zeros_(network.decode.third.weight)
+            torch.nn.init.zeros_(network.decode.third.bias)
+        return Run(out, about, Model(config, network, fit_normaliser(examples, config), str(out)), optimizer, generator)
+
+    path = out / "last.safetensors"
+    saved = read_checkpoint(path)
+    if saved.generator is None:
+        raise InputError(f"{path} holds a network but no state of a training: it cannot be resumed")
+    _check_same_run(saved.about, about, out)
+    known = {field.name: saved.about[field.name] for field in fields(About) if field.name in saved.about}
+    load_weights(network, saved, path)
+    optimizer.load_state_dict({"state": saved.optimizer, "param_groups": optimizer.state_dict()["param_groups"]})
+    generator.set_state(saved.generator)
+    return Run(out, About(**{**known, "config": about.config, "versions": about.versions}),
+               Model(config, network, saved.normaliser, str(out)), optimizer, generator)
+
+
+def _check_same_run(saved: dict[str, Any], asked: About, out: Path) -> None:
+    """Raise `InputError` unless data and config are those of the saved run; its end (steps, budget_seconds) may be moved."""
+    trained = to_table(read_table(TrainConfig, saved["config"], f"{out}: config"))  # keys of later versions at their defaults
+    if saved["fingerprint"] != asked.fingerprint:
+        raise InputError(f"{out} was trained on other data: it cannot be resumed with these files")
+    keys = (trained.keys() | asked.config.keys()) - {"steps", "budget_seconds"}
+    changed = sorted(key for key in keys if trained.get(key) != asked.config.get(key))
+    if changed:
+        raise InputError(f"{out} was trained with another {changed[0]} ({trained.get(changed[0])}, "
+                         f"not {asked.config.get(changed[0])}): it cannot be resumed")
+
+
+def _versions() -> dict[str, str]:
+    modules = {module.__name__: module.__version__ for module in (torch, np, scipy, h5py, safetensors)}
+    return {"python": platform.python_version(), **modules, "pymetis": version("pymetis")}
