@@ -138,20 +138,17 @@ class Space:
             cell = ufl.Cell(mesh.cell, geometric_dimension=dimension)
             dolfinx_mesh._uflcell_to_dolfinxcell["prism"] = dolfinx_mesh.CellType.prism
             element = ufl.VectorElement("Lagrange", cell, 1)
-            make = fem.FunctionSpace if D == 1 else fem.VectorFunctionSpace
-            with _quiet():
-                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
-                self.V = make(self.domain, ("Lagrange", order))
-            geometry = self.domain.geometry.dofmap.array.reshape(-1, cells.shape[1])
-            blocks = self.V.dofmap.list.array.reshape(len(geometry), -1)
         else:
             import basix.ufl
 
             element = basix.ufl.element("Lagrange", mesh.cell, 1, shape=(dimension,))
-            with _quiet():
-                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
-                self.V = fem.functionspace(self.domain, ("Lagrange", order) if D == 1 else ("Lagrange", order, (D,)))
-            geometry, blocks = self.domain.geometry.dofmap, self.V.dofmap.list
+        with _quiet():
+            self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
+        self.V = _lagrange(self.domain, order, D)
+        geometry, blocks = self.domain.geometry.dofmap, self.V.dofmap.list
+        if OLD:
+            geometry = geometry.array.reshape(-1, cells.shape[1])
+            blocks = blocks.array.reshape(len(geometry), -1)
         index_map = self.V.dofmap.index_map
         self.owned = index_map.size_local
         count = self.owned + index_map.num_ghosts
@@ -203,6 +200,14 @@ class Space:
         return fem.Constant(self.domain, PETSc.ScalarType(value))
 
 
+def _lagrange(domain: Any, order: int, components: int) -> Any:
+    """dolfinx's space of scalars, or of vectors with a component for each dimension."""
+    with _quiet():
+        if OLD:
+            return (fem.FunctionSpace if components == 1 else fem.VectorFunctionSpace)(domain, ("Lagrange", order))
+        return fem.functionspace(domain, ("Lagrange", order) if components == 1 else ("Lagrange", order, (components,)))
+
+
 def _entities(corners: NDArray[np.int64], blocks: Any, cell: str, layout: Any) -> dict[int, Any]:
     """For each number of corners k the blocks that lie inside of entities with k corners (n,), and these corners (n, k)."""
     import basix
@@ -223,11 +228,6 @@ def _entities(corners: NDArray[np.int64], blocks: Any, cell: str, layout: Any) -
 def set_function(function: Any, values: Floats) -> None:
     """Give a dolfinx function its degrees of freedom (3 N,)."""
     function.x.array[:] = values
-
-
-def assemble_scalar(form: Any) -> float:
-    """The value of a compiled form of rank 0."""
-    return float(fem.assemble_scalar(form))
 
 
 def assemble_vector(form: Any, out: Floats) -> Floats:
@@ -265,11 +265,7 @@ def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
     dx = ufl.dx(metadata={"quadrature_degree": space.degrees[1]})
     D = space.components
     if space.comm.size == 1 and D > 1:
-        with _quiet():
-            if OLD:
-                scalars = fem.FunctionSpace(space.domain, ("Lagrange", space.order))
-            else:
-                scalars = fem.functionspace(space.domain, ("Lagrange", space.order))
+        scalars = _lagrange(space.domain, space.order, 1)
         lists = (V.dofmap.list.array if OLD else V.dofmap.list.ravel() for V in (scalars, space.V))
         if np.array_equal(*lists):
             u, v = ufl.TrialFunction(scalars), ufl.TestFunction(scalars)
@@ -290,17 +286,6 @@ def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
                 return whole
     u, v = ufl.TrialFunction(space.V), ufl.TestFunction(space.V)
     return matrix(space.constant(density) * ufl.inner(u, v) * dx)
-
-
-def fix(space: Space, fixed: NDArray[np.bool_]) -> list[Any]:
-    """Dirichlet conditions for `assemble_matrix` from a mask (N, 3) of held components."""
-    dofs = np.sort(space.dofs[fixed]).astype(np.int32)
-    if not len(dofs):
-        return []
-    zero = fem.Function(space.V)
-    if fixed[fixed.any(axis=1)].all():
-        return [fem.dirichletbc(zero, dofs[::3] // 3)]
-    return [fem.dirichletbc(PETSc.ScalarType(0), dofs[dofs % 3 == i], space.V.sub(i)) for i in range(3)]
 
 
 def release() -> None:

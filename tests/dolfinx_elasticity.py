@@ -4,11 +4,23 @@ import logging
 
 import numpy as np
 import ufl
+from dolfinx import fem as dolfinx_fem
+from petsc4py import PETSc
 
 from physics import fem
 from physics.body.elasticity import Elasticity
 from physics.body.material import LAWS, lame
 from physics.mesh.cell import CELLS
+
+
+def conditions(space, fixed):
+    """Dirichlet conditions for `fem.assemble_matrix` from a mask (N, 3) of held components."""
+    dofs = np.sort(space.dofs[fixed]).astype(np.int32)
+    if not len(dofs):
+        return []
+    if fixed[fixed.any(axis=1)].all():
+        return [dolfinx_fem.dirichletbc(space.function(), dofs[::3] // 3)]
+    return [dolfinx_fem.dirichletbc(PETSc.ScalarType(0), dofs[dofs % 3 == i], space.V.sub(i)) for i in range(3)]
 
 
 class DolfinxElasticity(Elasticity):
@@ -25,12 +37,12 @@ class DolfinxElasticity(Elasticity):
         W = LAWS[self.material.law](ufl.Identity(3) + ufl.grad(self._u), lmbda, mu) * ufl.dx(metadata=rule)
         force = ufl.derivative(W, self._u, v)
         self._forms = [fem.compile_form(form) for form in (W, force, ufl.derivative(force, self._u, w))]
-        self._conditions, self._tangent = fem.fix(self.space, self.fixed), fem.create_matrix(self._forms[2])
+        self._conditions, self._tangent = conditions(self.space, self.fixed), fem.create_matrix(self._forms[2])
         self._vector = np.empty(self.mesh.points.size)
 
     def energy(self, u):
         fem.set_function(self._u, self.space.to_dofs(u))
-        return fem.assemble_scalar(self._forms[0])
+        return float(dolfinx_fem.assemble_scalar(self._forms[0]))
 
     def force(self, u):
         fem.set_function(self._u, self.space.to_dofs(u))
