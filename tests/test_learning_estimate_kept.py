@@ -28,7 +28,7 @@ class Counted:
 
 @pytest.fixture
 def counted(monkeypatch):
-    monkeypatch.setattr(module, "Estimator", Counted)
+    monkeypatch.setattr(module, "estimator_of", Counted)
     Counted.made = 0
     return Counted
 
