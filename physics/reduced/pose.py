@@ -39,8 +39,9 @@ STIFFNESS = 2e4  # of contact, in units of Young's modulus over the size of a ce
 
 
 @dataclass(frozen=True)
-class State:
-    """centre (3,) of the obstacle; q (r,); local (N, 3) what the small space cannot do [m]; pressure (A,) and push (M,) contact forces."""
+class Pressed:
+    """The body as it is pressed: centre (3,) of the obstacle; q (r,) in the small space; local (N, 3) what that cannot do [m];
+    pressure (A,) and push (M,) contact forces."""
 
     centre: Floats
     q: Floats
@@ -49,8 +50,8 @@ class State:
     push: Floats
 
 
-class Pressed:
-    """A body in one small space, and its obstacle."""
+class Press:
+    """A body in one small space, and the obstacle that presses it."""
 
     def __init__(self, mesh: Mesh, size: float, surface: ContactSurface, obstacle: Rigid, elastic: Elastic, model: Reduced) -> None:
         """Args: size of a cell [m]; surface where contact is felt; model: the small space."""
@@ -60,26 +61,26 @@ class Pressed:
         self._known = np.zeros(0, np.int64)  # nodes whose local answers are known
         self._answers = np.zeros((elastic.size, 0))  # K^-1 - Phi Phi^T, three columns a node
 
-    def within(self, model: Reduced) -> Pressed:
+    def within(self, model: Reduced) -> Press:
         """The same in another space; local answers are those of a space."""
-        return Pressed(self.mesh, self.size, self.surface, self.obstacle, self.elastic, model)
+        return Press(self.mesh, self.size, self.surface, self.obstacle, self.elastic, model)
 
-    def rest(self, centre: Floats) -> State:
+    def rest(self, centre: Floats) -> Pressed:
         """Nothing moved and nothing pressed, the obstacle at a place."""
         size, surface = self.elastic.size, len(self.surface.area)
-        return State(centre, np.zeros(self.model.space.shape[1]), np.zeros((size // 3, 3)), np.zeros(surface), np.zeros(size))
+        return Pressed(centre, np.zeros(self.model.space.shape[1]), np.zeros((size // 3, 3)), np.zeros(surface), np.zeros(size))
 
-    def displacement(self, state: State) -> Floats:
+    def displacement(self, state: Pressed) -> Floats:
         """(N, 3) [m]"""
         return (self.model.space @ state.q).reshape(-1, 3) + state.local
 
-    def left_over(self, state: State) -> Floats | None:
+    def left_over(self, state: Pressed) -> Floats | None:
         """(M,) the answer of the rest stiffness, turned with the body, to forces that a state leaves over; None: a cell is inside out."""
         u = self.displacement(state).ravel()
         force = self.elastic.internal(u)
         return self.elastic.answer(u, state.push - force) if np.isfinite(force).all() else None
 
-    def advance(self, centre: Floats, state: State, c: Floats, depth: int = 0) -> State:
+    def advance(self, centre: Floats, state: Pressed, c: Floats, depth: int = 0) -> Pressed:
         """The state at a pose, from one at another pose: in one go, or in two halves where that does not lead there.
 
         Where 2^-HALVINGS of the way is still too far, the body stays as it is: the forces left over tell how bad the estimate is.
@@ -92,7 +93,7 @@ class Pressed:
         state = self.advance(state.centre + way / 2, state, c, depth + 1)
         return self.advance(centre, state, c, depth + 1)
 
-    def _newton(self, centre: Floats, state: State, c: Floats) -> State | None:
+    def _newton(self, centre: Floats, state: Pressed, c: Floats) -> Pressed | None:
         """The state at a pose from one nearby; None where Newton's method does not find it."""
         space, rest = self.model.space, self.mesh.points
         gap, _ = self.obstacle.gap(self.surface.weights @ (rest + self.displacement(state)), centre)
@@ -148,7 +149,7 @@ class Pressed:
         whole, push = np.zeros_like(state.pressure), np.zeros(len(space))
         whole[zone], push[component] = pressure, along.T @ p
         push[self.elastic.held] = 0.0
-        return State(centre, q, (self._answers[:, columns] @ force).reshape(-1, 3) @ turn.T, whole, push)
+        return Pressed(centre, q, (self._answers[:, columns] @ force).reshape(-1, 3) @ turn.T, whole, push)
 
     def _turning(self, points: Floats, centre: Floats) -> Floats:
         """(b, 3, 3) derivative of the obstacle's normals by the places (b, 3) [m], by central differences."""

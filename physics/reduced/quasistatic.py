@@ -19,7 +19,7 @@ from physics.contact.conditions import ContactSurface
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
 from physics.reduced.elastic import Elastic
-from physics.reduced.pose import Pressed
+from physics.reduced.pose import Press
 from physics.reduced.space import Reduced, derivatives
 from physics.scene import Scene
 from physics.schema import InputError
@@ -64,7 +64,7 @@ class Estimator:
         depth = -min(self.obstacle.gap(rest, self.centres[i])[0].min() for i in np.flatnonzero(self.overlaps))
         loads = _loads(self.surface, rest, rest[gap.argmin()], normal[gap.argmin()], self.size, mesh)
         loads[elastic.held] = 0.0
-        self._move_in(Pressed(mesh, self.size, self.surface, self.obstacle, elastic, Reduced(elastic, derivatives(elastic, loads, depth))))
+        self._move_in(Press(mesh, self.size, self.surface, self.obstacle, elastic, Reduced(elastic, derivatives(elastic, loads, depth))))
         last = len(self.centres) - 1
         farthest = first + int(np.linalg.norm(self.centres[first:] - self.centres[first], axis=1).argmax())
         poses = first + np.unique((np.array(ENRICHING) * (farthest - first)).round().astype(int))
@@ -77,18 +77,18 @@ class Estimator:
             return
         left = self._march(poses, poses)
         for _ in range(ENRICHMENTS):
-            self._move_in(self._pressed.within(Reduced(elastic, [*self._pressed.model.space.T, *left])))
+            self._move_in(self._press.within(Reduced(elastic, [*self._press.model.space.T, *left])))
             left = self._march(keys, keys[np.minimum(np.searchsorted(keys, poses), len(keys) - 1)])
             if max((abs(answer).max() for answer in left), default=0.0) < ENOUGH * self.size:
                 break
 
-    def _move_in(self, pressed: Pressed) -> None:
+    def _move_in(self, press: Press) -> None:
         """Take another space, of which nothing is known yet."""
-        self._pressed, self._beyond = pressed, PchipInterpolator([0.0, 1.0], np.zeros((2, pressed.model.space.shape[1])))
+        self._press, self._beyond = press, PchipInterpolator([0.0, 1.0], np.zeros((2, press.model.space.shape[1])))
 
     def _march(self, frames: NDArray[np.int64], kept: NDArray[np.int64]) -> list[Floats]:
         """Solve poses in order with the body's own law and keep c; gives the answers (M,) to what some of them leave over."""
-        body, left = self._pressed, []
+        body, left = self._press, []
         model, state = body.model, body.rest(self.centres[0])
         at, beyond = [self._way[max(int(self.overlaps.argmax()) - 1, 0)]], [np.zeros(model.space.shape[1])]
         last = max(int(self.overlaps.argmax()) - 1, 0)
@@ -117,7 +117,7 @@ class Estimator:
         out, answer = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         if not self.overlaps.any():
             return out, answer
-        body, last = self._pressed, max(int(self.overlaps.argmax()) - 1, 0)
+        body, last = self._press, max(int(self.overlaps.argmax()) - 1, 0)
         rest = state = body.rest(self.centres[0])
         for row, frame in enumerate(frames):
             if frame < self.overlaps.argmax():
