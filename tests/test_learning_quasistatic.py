@@ -122,7 +122,7 @@ def test_what_an_estimator_knows_of_its_scene(monkeypatch):
 
 
 def test_what_a_pressed_body_knows_of_its_contact():
-    press = estimator_of(unsolved())._pressed
+    press = estimator_of(unsolved())._press
     assert press.size == pytest.approx(0.01) and press._tolerance == pytest.approx(6e-8)  # 1e-6 of the length of 60 mm
     # of exact contact the inverse of a stiffness of 2e4 moduli over a cell, times the area
     np.testing.assert_allclose(press._softness, 0.01 / 2e4 / press.surface.area)
@@ -192,7 +192,7 @@ def test_normals_turn_as_the_curvature_of_a_cylinder_says():
 
 
 def test_answers_of_nodes_are_columns_of_the_inverse_beyond_the_space():
-    press = estimator_of(unsolved())._pressed
+    press = estimator_of(unsolved())._press
     press = press.within(press.model)  # nothing is known yet
     elastic, space = press.elastic, press.model.space
     free = ~elastic.held
