@@ -14,7 +14,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from physics.mesh.build import build_mesh
-from physics.mesh.cell import 
+from physics.mesh.cell import CELLS
 from physics.modes.elastic import elastic_modes
 from physics.modes.laplacian import laplacian_modes
 from physics.scene import read_scene
@@ -47,7 +47,7 @@ def main() -> None:
         body = {**elastic.SLENDER, "cells": cells, "cell": cell, "order": order}
         scene = read_scene({"body": body, "material": {"young_modulus": 1e6, "poisson_ratio": 0.4}, "support": [{"where": "x-min"}]})
         modes = elastic_modes(scene, count=1)
-        row("cantilever, first bending, converged value [Hz]", f"40 x 5 x 5 {PLURAL[cell]}, order {order}", [elastic.CONVERGED],
+        row("cantilever, first bending, converged value [Hz]", f"40 x 5 x 5 {CELLS[cell].plural}, order {order}", [elastic.CONVERGED],
             list(modes.frequencies_hz), modes.residuals.max())
     scene = elastic.beam(body={**elastic.SLENDER, "cells": [20, 8, 8], "cell": "tetrahedron", "order": 2})
     modes = elastic_modes(scene, count=1, mesh=elastic.graded(build_mesh(scene.body), 3, 3))

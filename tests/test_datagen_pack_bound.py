@@ -135,10 +135,10 @@ def test_an_obstacle_that_turns_is_packed_as_the_body_is():
     turning = whole.displacement.copy()
     turning[2, 6, 0] += np.float32(0.5)
     blob, _ = encode(dataclasses.replace(whole, displacement=turning), 1e-3)
-    header, arrays = opened(blob)
+    _, arrays = opened(blob)
     assert "path" not in arrays and arrays["moving"][5:].all() and far(decode(blob).displacement, turning) <= 1e-3
     alone = dataclasses.replace(whole, node_kind=np.where(whole.body, whole.node_kind, 0).astype(np.uint8))
-    header, arrays = opened(encode(alone, 1e-3)[0])
+    _, arrays = opened(encode(alone, 1e-3)[0])
     assert "path" not in arrays and arrays["moving"][5:].all()
 
 

@@ -201,7 +201,8 @@ def solved(monkeypatch, tmp_path):
         linear_steps=2,
     )
     monkeypatch.setattr("physics.solution.solve", lambda scene, **how: solution)
-    monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: SimpleNamespace(extra={"model": {"inertia": "left out"}}))
+    made = SimpleNamespace(extra={"model": {"inertia": "left out"}})
+    monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: made)
     written = []
     monkeypatch.setattr("datagen.files.trajectory.write_trajectory", lambda path, trajectory: written.append(path))
     return SimpleNamespace(
@@ -251,7 +252,8 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d", "--count", "4", "--split", "test", "--seed", "9", "--workers", "2",
                   "--cluster", "tcp://x", "--time-limit", "1.5")[0] == 0
     assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tcp://x", "time_limit": 1.5}
-    monkeypatch.setattr("datagen.sets.plan.planned", lambda family, wanted, seed: {"count": 3, "nodes": {"mean": 81.5, "min": 60.0}, "of": seed})
+    monkeypatch.setattr("datagen.sets.plan.planned",
+                        lambda family, wanted, seed: {"count": 3, "nodes": {"mean": 81.5, "min": 60.0}, "of": seed})
     assert called(capsys, "generate", "beam", "--dry-run", "--seed", "5")[1].splitlines() == [
         "count           3", "nodes           mean 81.5, min 60", "of              5"]
     status, _, err = called(capsys, "generate", "beam")

@@ -84,7 +84,7 @@ def test_what_a_package_offers_can_be_imported_from_it(package: str) -> None:
     for name in module.__all__:
         assert getattr(module, name).__name__.endswith(name)
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
-        module.nonsense  # noqa: B018
+        module.nonsense
 
 
 def test_training_does_not_load_the_solver() -> None:

@@ -94,7 +94,8 @@ def test_loads_are_bells_of_one_cell_around_a_point(normal):
     across = np.cross(normal, first)
 
     def bell(centre):
-        weight = np.array([np.exp(-np.sum((point - centre) ** 2) / (2 * size**2)) * area for point, area in zip(rest, surface.area, strict=True)])
+        weight = np.array([np.exp(-np.sum((point - centre) ** 2) / (2 * size**2)) * area
+                           for point, area in zip(rest, surface.area, strict=True)])
         nodal = np.zeros(len(mesh.points))
         for share, row in zip(weight / weight.sum(), surface.weights.toarray(), strict=True):
             nodal += share * row
@@ -182,7 +183,8 @@ def test_an_obstacle_that_never_touches_leaves_all_at_rest():
 def test_normals_turn_as_the_curvature_of_a_cylinder_says():
     press = Press.__new__(Press)
     press.size, axis = 0.005, np.array([0.0, 1, 0])
-    press.obstacle = Rigid(read_scene({**TABLE, "obstacle": {"shape": "cylinder", "radius": 0.01, "path": [[0, 0, 0.1], [0, 0, 0]]}}).obstacle)
+    cylinder = {"shape": "cylinder", "radius": 0.01, "path": [[0, 0, 0.1], [0, 0, 0]]}
+    press.obstacle = Rigid(read_scene({**TABLE, "obstacle": cylinder}).obstacle)
     centre, points = np.array([0.01, 0.02, 0.03]), np.array([[0.02, 0.05, 0.04], [0.01, 0.0, 0.018]])
     for found, point in zip(press._turning(points, centre), points, strict=True):
         offset = (point - centre) * [1, 0, 1]
