@@ -1,6 +1,7 @@
 """Every limit of the check of a data set, reached from both sides: worked out on paper, with no solver."""
 
 import dataclasses
+import tomllib
 import types
 
 import numpy as np
@@ -219,7 +220,7 @@ def test_the_residual_may_be_as_large_as_the_tolerance_of_a_packed_set_makes_it(
 
 def test_forces_on_supports_count_where_they_are_larger_than_the_reaction(statics, monkeypatch):
     """Six held nodes whose stored displacement of 10 m (the tolerance of this set) pulls with 80 N each; a reaction of 60 N."""
-    given = read_scene({**check.tomllib.loads(statics.scene), "support": [{"where": "x-min", "displacement": [0.0, 10.0, 0.0]}]})
+    given = read_scene({**tomllib.loads(statics.scene), "support": [{"where": "x-min", "displacement": [0.0, 10.0, 0.0]}]})
     u = statics.displacement.copy()
     body = np.flatnonzero(statics.node_kind != OBSTACLE)
     u[:, body, 1] = 10 * np.arange(COUNT + 1)[:, None] / COUNT

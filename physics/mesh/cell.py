@@ -94,15 +94,15 @@ _ALL = (
     Cell("tetrahedron", "tetrahedra", 3, 4, 10, "tetra", edges=((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
          facets=((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)), mirrored=(0, 2, 1, 3), shape_functions=_tetrahedron,
          points=np.full((1, 3), 0.25), weights=np.array([1 / 6])),
-    Cell("prism", "prisms", 3, 6, 13, "wedge", edges=((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-         facets=((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)), mirrored=(0, 2, 1, 3, 5, 4),
-         shape_functions=_prism,
-         points=np.array([(r, s, t) for t in GAUSS for r, s in TRIANGLE]), weights=np.full(6, 1 / 12)),
     Cell("hexahedron", "hexahedra", 3, 8, 12, "hexahedron",
          edges=((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
          facets=((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)), mirrored=(0, 3, 2, 1, 4, 7, 6, 5),
          shape_functions=_hexahedron,
          points=np.array(list(product(GAUSS, repeat=3))), weights=np.full(8, 1 / 8)),
+    Cell("prism", "prisms", 3, 6, 13, "wedge", edges=((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
+         facets=((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)), mirrored=(0, 2, 1, 3, 5, 4),
+         shape_functions=_prism,
+         points=np.array([(r, s, t) for t in GAUSS for r, s in TRIANGLE]), weights=np.full(6, 1 / 12)),
 )
 CELLS = {cell.name: cell for cell in _ALL}
 OF_VTK = {cell.vtk: cell for cell in _ALL if cell.dimension >= 2}  # what a trajectory is made of
