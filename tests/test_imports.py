@@ -16,6 +16,7 @@ OURS = ("physics", "datagen", "learning", "fidelity", "notebooks", "tests", "ben
 MAY_IMPORT = {"physics": {"physics"}, "datagen": {"physics", "datagen"}, "learning": {"physics", "datagen", "learning"}}
 FORMS = {"dolfinx", "ffcx", "basix"}
 SOLVERS = FORMS | {"ufl", "petsc4py", "slepc4py", "mpi4py"}
+USERS = sorted(path.relative_to(ROOT) for folder in ("benchmarks", "notebooks", "examples") for path in (ROOT / folder).glob("*.py"))
 SOURCES = sorted(path.relative_to(ROOT) for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 
 
@@ -75,6 +76,16 @@ def test_the_map_of_a_package_names_all_that_is_in_it(package: Path) -> None:
     there = {path.stem for path in (ROOT / package).glob("*.py")} | {path.parent.name for path in (ROOT / package).glob("*/__init__.py")}
     assert there - {"__init__"} <= set(re.findall(r"\w+", docstring))
     assert len(there) - len(list((ROOT / package).glob("*/__init__.py"))) <= 10
+
+
+@pytest.mark.parametrize("path", USERS, ids=str)
+def test_what_is_imported_from_the_packages_is_there(path: Path) -> None:
+    """Late imports included: no other test runs all of these files."""
+    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in MAY_IMPORT:
+            module = importlib.import_module(node.module)
+            for alias in node.names:
+                assert hasattr(module, alias.name) or importlib.import_module(f"{node.module}.{alias.name}")
 
 
 @pytest.mark.parametrize("package", MAY_IMPORT)
