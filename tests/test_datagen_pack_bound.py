@@ -13,8 +13,8 @@ from datagen.files.trajectory import read_trajectory, write_trajectory
 from datagen.sets import dataset
 from datagen.sets.pack import decode, encode, pack, unpack
 from physics.schema import InputError
+from tests.five_nodes import UNIT, tiny, write_set
 from tests.synthetic import bending
-from tests.tiny import UNIT, tiny, write_set
 
 
 def opened(blob):

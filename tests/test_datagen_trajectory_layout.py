@@ -13,8 +13,8 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import OF_VTK
 from physics.scene import Body
 from physics.schema import InputError
+from tests.five_nodes import UNIT, tiny
 from tests.scenes import beam
-from tests.tiny import UNIT, tiny
 
 FIELD = np.arange(3 * 8 * 2, dtype=np.float32).reshape(3, 8, 2)
 
