@@ -191,10 +191,6 @@ class Space:
         """(N, D) in our order -> (D N,) in dolfinx's; for one process and first order."""
         return field[self.nodes].ravel()
 
-    def function(self) -> Any:
-        """A new dolfinx function, zero everywhere."""
-        return fem.Function(self.V)
-
     def constant(self, value: float) -> Any:
         """A number that may change without compiling the forms again."""
         return fem.Constant(self.domain, PETSc.ScalarType(value))
@@ -225,35 +221,14 @@ def _entities(corners: NDArray[np.int64], blocks: Any, cell: str, layout: Any) -
     return merged
 
 
-def set_function(function: Any, values: Floats) -> None:
-    """Give a dolfinx function its degrees of freedom (3 N,)."""
-    function.x.array[:] = values
-
-
-def assemble_vector(form: Any, out: Floats) -> Floats:
-    """A compiled form of rank 1 assembled into an array (3 N,) in dolfinx's order."""
-    out[:] = 0.0
-    fem.assemble_vector(out, form)
-    return out
-
-
-def create_matrix(form: Any) -> PETSc.Mat:
-    """An empty matrix with the sparsity of a compiled form of rank 2."""
-    return fem_petsc.create_matrix(form)
-
-
-def assemble_matrix(matrix: PETSc.Mat, form: Any, fixed: list[Any]) -> PETSc.Mat:
-    """A compiled form of rank 2 assembled into a matrix; fixed rows and columns become those of the identity."""
-    matrix.zeroEntries()
-    fem_petsc.assemble_matrix(matrix, form, bcs=fixed)
-    matrix.assemble()
-    return matrix
-
-
 def matrix(form: Any) -> PETSc.Mat:
-    """A UFL form of rank 2 as a matrix, nothing held."""
+    """A UFL form of rank 2 as a matrix in dolfinx's order, nothing held."""
     compiled = compile_form(form)
-    return assemble_matrix(create_matrix(compiled), compiled, [])
+    found = fem_petsc.create_matrix(compiled)
+    found.zeroEntries()
+    fem_petsc.assemble_matrix(found, compiled, bcs=[])
+    found.assemble()
+    return found
 
 
 def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
