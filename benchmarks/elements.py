@@ -87,11 +87,13 @@ def second_order(scene: Scene, crowding: float = 1.0) -> float:
     from dolfinx import fem as dolfinx_fem
     from petsc4py import PETSc
 
+    from tests.dolfinx_elasticity import assemble_matrix, assemble_vector
+
     mesh, length = build_mesh(scene.body), scene.body.extent[0]
     along = length * (mesh.points[:, 0] / length) ** crowding
     mesh = replace(mesh, points=np.column_stack([along, mesh.points[:, 1:]]))
     space = fem.Space(mesh, order=2)
-    u, v, w = space.function(), ufl.TestFunction(space.V), ufl.TrialFunction(space.V)
+    u, v, w = dolfinx_fem.Function(space.V), ufl.TestFunction(space.V), ufl.TrialFunction(space.V)
     lmbda, mu = (space.constant(value) for value in lame(scene.material))
     traction = space.constant(0.0)
     inside = {"metadata": {"quadrature_degree": space.degrees[0]}}
@@ -102,10 +104,10 @@ def second_order(scene: Scene, crowding: float = 1.0) -> float:
     stiffness = fem.compile_form(ufl.derivative(force, u, w))
     residual, mean = fem.compile_form(force - traction * face), fem.compile_form(face)
     held = np.flatnonzero(space.within(mesh.entities("x-min"))).astype(np.int32)
-    fixed = [dolfinx_fem.dirichletbc(space.function(), held)]
+    fixed = [dolfinx_fem.dirichletbc(dolfinx_fem.Function(space.V), held)]
     free = np.ones(3 * len(space.nodes), bool)
     free[(3 * held[:, None] + np.arange(3)).ravel()] = False
-    matrix = fem.create_matrix(stiffness)
+    matrix = dolfinx_fem.petsc.create_matrix(stiffness)
     solver = PETSc.KSP().create(PETSc.COMM_SELF)
     solver.setType("preonly")
     solver.getPC().setType("cholesky")
@@ -113,7 +115,7 @@ def second_order(scene: Scene, crowding: float = 1.0) -> float:
     solver.setOperators(matrix)
     step, right = matrix.createVecs()
     out, average = np.empty(len(free)), np.empty(len(free))
-    fem.assemble_vector(mean, average)
+    assemble_vector(mean, average)
     assert scene.load[0].traction is not None
     floor = 1e3 * float(np.finfo(float).eps) * scene.material.young_modulus * SIDE / 2 * length  # of rounding
     last = before = np.zeros(len(free))
@@ -121,11 +123,11 @@ def second_order(scene: Scene, crowding: float = 1.0) -> float:
         traction.value = scene.load[0].traction[2] * count / scene.steps.count
         now = 2 * last - before
         for _ in range(20):
-            fem.set_function(u, now)
-            fem.assemble_vector(residual, out)
+            u.x.array[:] = now
+            assemble_vector(residual, out)
             if np.linalg.norm(out[free]) < max(1e-6 * abs(float(traction.value)) * SIDE**2, floor):
                 break
-            fem.assemble_matrix(matrix, stiffness, fixed)
+            assemble_matrix(matrix, stiffness, fixed)
             right.array[:] = np.where(free, out, 0.0)
             solver.solve(right, step)
             now = now - step.array

@@ -2,15 +2,18 @@
 
     .venv/bin/pip install cosmic-ray==8.7.0
     .venv/bin/python benchmarks/mutation.py --seed 0 --count 300 --workers 2 --out mutants.json
-    .venv/bin/python benchmarks/mutation.py --seed 0 --count 20 physics/newton.py physics/balance.py
+    .venv/bin/python benchmarks/mutation.py --seed 0 --count 20 physics/equilibrium/newton.py physics/equilibrium/balance.py
 
-The wrongs are cosmic-ray's: another arithmetic or comparing operator, a number one more or less, `not`, and/or, True/False, break/continue, no sign, a loop
-without turns, no decorator, another exception. Drawn are places, all equally likely, and then one wrong for each; left out are annotations and the
-words of messages (`raise` statements and strings), which no test should hold. The tests nearest to a module are the test files named after it and the four
-that import it and the least beside it; where there are neither, those of the modules that import it. Each test file has to pass before; one that does not is left out and said.
+The wrongs are cosmic-ray's: another arithmetic or comparing operator, a number one more or less, `not`, and/or, True/False,
+break/continue, no sign, a loop without turns, no decorator, another exception. Drawn are places, all equally likely, and then one
+wrong for each; left out are annotations and the words of messages (`raise` statements and strings), which no test should hold, and
+what cosmic-ray cannot write. The tests nearest to a module are the test files named after it and the four that import it and the
+least beside it; where there are neither, those of the modules that import it. Each test file has to pass before; one that does not
+is left out and said.
 
-Everything happens in copies of the tree in a temporary folder, one for each worker, and nothing of it stays. A wrong counts as killed when a test fails or
-does not end within four times its usual time (a minute at least). Exit status 1 when fewer than `--least` per cent are killed.
+Everything happens in copies of the tree in a temporary folder, one for each worker, and nothing of it stays. A wrong counts as
+killed when a test fails or does not end within four times its usual time (a minute at least). Exit status 1 when fewer than
+`--least` per cent are killed.
 """
 
 from __future__ import annotations
@@ -110,7 +113,7 @@ def draw(root: Path, modules: Sequence[str], count: int, seed: int) -> list[Wron
         source = (root / module).read_text()
         try:
             wrong = mutate_code(source, OperatorProvider()[operator](), occurrence)
-        except AttributeError:  # cosmic-ray cannot write another exception in place of a dotted one
+        except AttributeError:  # an exception named with its module, as zipfile.BadZipFile: the operator knows bare names only
             continue
         change = [text for text in difflib.unified_diff(source.splitlines(), (wrong or source).splitlines(), n=0, lineterm="")][3:]
         try:
@@ -123,14 +126,14 @@ def draw(root: Path, modules: Sequence[str], count: int, seed: int) -> list[Wron
 
 
 def imports(path: Path) -> set[str]:
-    """The project's modules that a file imports, as paths: `from physics import verify` names physics/verify.py."""
+    """The project's modules that a file imports, as paths: `from physics import fem` names physics/fem.py and physics/fem/__init__.py."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    return {name.replace(".", "/") + ".py" for name in names}
+    return {name.replace(".", "/") + end for name in names for end in (".py", "/__init__.py")}
 
 
 def nearest(root: Path) -> dict[str, list[list[str]]]:
@@ -145,7 +148,7 @@ def nearest(root: Path) -> dict[str, list[list[str]]]:
     above = {module: imports(root / module) for module in modules}
     found: dict[str, list[list[str]]] = {}
     for module in modules:
-        parts = Path(module).with_suffix("").parts
+        parts = Path(module.removesuffix("/__init__.py")).with_suffix("").parts
         stems = {f"test_{parts[0]}_{parts[-1]}", "test_" + "_".join(parts)}
         named = [test for test in taken if any(Path(test).stem == stem or Path(test).stem.startswith(stem + "_") for stem in stems)]
         importing = [test for test in taken if module in taken[test] and test not in named]
@@ -211,17 +214,21 @@ class Worker:
     """A copy of the tree, and a process that runs tests in it."""
 
     def __init__(self, root: Path, folder: Path):
-        files = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=root, capture_output=True, text=True, check=True).stdout
-        for name in files.splitlines():
+        listed = ["git", "ls-files", "-co", "--exclude-standard"]
+        for name in subprocess.run(listed, cwd=root, capture_output=True, text=True, check=True).stdout.splitlines():
             if (root / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(root / name, folder / name)
         (folder / ".venv").symlink_to((root / ".venv").resolve())
         subprocess.run(["git", "init", "-q"], cwd=folder, check=True)
-        subprocess.run([sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "unchecked-hash", *PACKAGES], cwd=folder, check=True)
         self.folder = folder
-        self.process = subprocess.Popen([sys.executable, str(Path(__file__).resolve()), "--serve"], cwd=folder, text=True, env=SETTINGS | os.environ,
-                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.compile(*PACKAGES)
+        self.process = subprocess.Popen([sys.executable, str(Path(__file__).resolve()), "--serve"], cwd=folder, text=True,
+                                        env=SETTINGS | os.environ, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+    def compile(self, *paths: str) -> None:
+        command = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "unchecked-hash", *paths]
+        subprocess.run(command, cwd=self.folder, check=True)
 
     def run(self, tests: Sequence[str], limit: float) -> tuple[int | None, str, float]:
         print(json.dumps([tests, limit]), file=self.process.stdin, flush=True)
@@ -238,7 +245,7 @@ class Worker:
             status, by, seconds = self.run(tests, limit) if tests else (0, "", 0.0)
         finally:
             path.write_text(source)
-            subprocess.run([sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "unchecked-hash", wrong.module], cwd=self.folder, check=True)
+            self.compile(wrong.module)
         return Verdict(wrong, status not in (0, 5), by if status not in (0, 5) else "", seconds)
 
 
@@ -279,7 +286,8 @@ def main() -> None:
             return status, seconds
 
         with ThreadPoolExecutor(options.workers) as pool:
-            usual = dict(zip(wanted, tqdm(pool.map(timed, wanted), desc="tests as they are", total=len(wanted), disable=None), strict=True))
+            alone = tqdm(pool.map(timed, wanted), desc="tests as they are", total=len(wanted), disable=None)
+            usual = dict(zip(wanted, alone, strict=True))
 
             def tests_of(module: str) -> list[str]:
                 named, importing = ([test for test in group if usual[test][0] == 0] for group in near[module])

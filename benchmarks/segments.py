@@ -30,7 +30,7 @@ def scene(cells):
 
     from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
     from physics.mesh.build import build_mesh
-    from physics.mesh.cell import VTK_TYPE
+    from physics.mesh.cell import CELLS
     from physics.scene import Body
 
     mesh = build_mesh(Body(length=0.1, width=0.02, height=0.02, cells=cells))
@@ -43,7 +43,7 @@ def scene(cells):
     corners = np.repeat([6, 3], [len(mesh.cells), len(plate.cells)])
     return Trajectory(points=points, connectivity=np.concatenate([mesh.cells.ravel(), len(mesh.points) + plate.cells.ravel()]),
                       offsets=np.concatenate([[0], np.cumsum(corners)]),
-                      types=np.repeat([VTK_TYPE["prism"], 5], [len(mesh.cells), len(plate.cells)]).astype(np.uint8), node_kind=kind,
+                      types=np.repeat([CELLS["prism"].vtk, 5], [len(mesh.cells), len(plate.cells)]).astype(np.uint8), node_kind=kind,
                       displacement=np.zeros((1, len(points), 3), np.float32), modes=modes, frequencies_hz=(10.0, 10.0))
 
 

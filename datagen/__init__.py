@@ -3,7 +3,7 @@
     files/    one trajectory on disk: its format, records of other programs, predictions, where a number comes from
     family/   what scenes are drawn
     sets/     a folder of trajectories: planned, made, checked, described, packed, exchanged
-    verbs     the command line's share
+    scene_verbs, verbs   the command line's share: of scenes, and of folders of trajectories
 
 Imports physics, and nothing of learning. What a user calls is importable from here:
 `from datagen import load_family, generate, read_trajectory`.

@@ -3,7 +3,7 @@
 A room imports what stands above it in this list, never below:
 
     schema, whole   a stranger's table read; a file written whole or not at all
-    scene           what is simulated: body, material, supports, loads, obstacle, steps
+    scene/          what is simulated: body, material, supports, loads, obstacle, steps
     mesh/           what the body's mesh is, where its places are, whether it is sound
     fem             the only file that knows which dolfinx is installed
     linalg/         how K x = b and K x = lambda M x are solved
@@ -15,7 +15,7 @@ A room imports what stands above it in this list, never below:
     reduced/        the same body in a few shapes
     solution        `solve`: the answer to a scene, through equilibria or through time
     fidelity/       how good a prediction is, and what a Newton step makes of it
-    view            how it looks
+    view/           how it looks
 
 What a user calls is importable from here: `from physics import load_scene, solve, elastic_modes, verify`. It is loaded when it
 is asked for, so that `import physics` costs nothing and what learns from data runs without dolfinx.

@@ -138,20 +138,17 @@ class Space:
             cell = ufl.Cell(mesh.cell, geometric_dimension=dimension)
             dolfinx_mesh._uflcell_to_dolfinxcell["prism"] = dolfinx_mesh.CellType.prism
             element = ufl.VectorElement("Lagrange", cell, 1)
-            make = fem.FunctionSpace if D == 1 else fem.VectorFunctionSpace
-            with _quiet():
-                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
-                self.V = make(self.domain, ("Lagrange", order))
-            geometry = self.domain.geometry.dofmap.array.reshape(-1, cells.shape[1])
-            blocks = self.V.dofmap.list.array.reshape(len(geometry), -1)
         else:
             import basix.ufl
 
             element = basix.ufl.element("Lagrange", mesh.cell, 1, shape=(dimension,))
-            with _quiet():
-                self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
-                self.V = fem.functionspace(self.domain, ("Lagrange", order) if D == 1 else ("Lagrange", order, (D,)))
-            geometry, blocks = self.domain.geometry.dofmap, self.V.dofmap.list
+        with _quiet():
+            self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
+        self.V = _lagrange(self.domain, order, D)
+        geometry, blocks = self.domain.geometry.dofmap, self.V.dofmap.list
+        if OLD:
+            geometry = geometry.array.reshape(-1, cells.shape[1])
+            blocks = blocks.array.reshape(len(geometry), -1)
         index_map = self.V.dofmap.index_map
         self.owned = index_map.size_local
         count = self.owned + index_map.num_ghosts
@@ -194,13 +191,17 @@ class Space:
         """(N, D) in our order -> (D N,) in dolfinx's; for one process and first order."""
         return field[self.nodes].ravel()
 
-    def function(self) -> Any:
-        """A new dolfinx function, zero everywhere."""
-        return fem.Function(self.V)
-
     def constant(self, value: float) -> Any:
         """A number that may change without compiling the forms again."""
         return fem.Constant(self.domain, PETSc.ScalarType(value))
+
+
+def _lagrange(domain: Any, order: int, components: int) -> Any:
+    """dolfinx's space of scalars, or of vectors with a component for each dimension."""
+    with _quiet():
+        if OLD:
+            return (fem.FunctionSpace if components == 1 else fem.VectorFunctionSpace)(domain, ("Lagrange", order))
+        return fem.functionspace(domain, ("Lagrange", order) if components == 1 else ("Lagrange", order, (components,)))
 
 
 def _entities(corners: NDArray[np.int64], blocks: Any, cell: str, layout: Any) -> dict[int, Any]:
@@ -220,40 +221,14 @@ def _entities(corners: NDArray[np.int64], blocks: Any, cell: str, layout: Any) -
     return merged
 
 
-def set_function(function: Any, values: Floats) -> None:
-    """Give a dolfinx function its degrees of freedom (3 N,)."""
-    function.x.array[:] = values
-
-
-def assemble_scalar(form: Any) -> float:
-    """The value of a compiled form of rank 0."""
-    return float(fem.assemble_scalar(form))
-
-
-def assemble_vector(form: Any, out: Floats) -> Floats:
-    """A compiled form of rank 1 assembled into an array (3 N,) in dolfinx's order."""
-    out[:] = 0.0
-    fem.assemble_vector(out, form)
-    return out
-
-
-def create_matrix(form: Any) -> PETSc.Mat:
-    """An empty matrix with the sparsity of a compiled form of rank 2."""
-    return fem_petsc.create_matrix(form)
-
-
-def assemble_matrix(matrix: PETSc.Mat, form: Any, fixed: list[Any]) -> PETSc.Mat:
-    """A compiled form of rank 2 assembled into a matrix; fixed rows and columns become those of the identity."""
-    matrix.zeroEntries()
-    fem_petsc.assemble_matrix(matrix, form, bcs=fixed)
-    matrix.assemble()
-    return matrix
-
-
 def matrix(form: Any) -> PETSc.Mat:
-    """A UFL form of rank 2 as a matrix, nothing held."""
+    """A UFL form of rank 2 as a matrix in dolfinx's order, nothing held."""
     compiled = compile_form(form)
-    return assemble_matrix(create_matrix(compiled), compiled, [])
+    found = fem_petsc.create_matrix(compiled)
+    found.zeroEntries()
+    fem_petsc.assemble_matrix(found, compiled, bcs=[])
+    found.assemble()
+    return found
 
 
 def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
@@ -265,11 +240,7 @@ def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
     dx = ufl.dx(metadata={"quadrature_degree": space.degrees[1]})
     D = space.components
     if space.comm.size == 1 and D > 1:
-        with _quiet():
-            if OLD:
-                scalars = fem.FunctionSpace(space.domain, ("Lagrange", space.order))
-            else:
-                scalars = fem.functionspace(space.domain, ("Lagrange", space.order))
+        scalars = _lagrange(space.domain, space.order, 1)
         lists = (V.dofmap.list.array if OLD else V.dofmap.list.ravel() for V in (scalars, space.V))
         if np.array_equal(*lists):
             u, v = ufl.TrialFunction(scalars), ufl.TestFunction(scalars)
@@ -290,17 +261,6 @@ def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
                 return whole
     u, v = ufl.TrialFunction(space.V), ufl.TestFunction(space.V)
     return matrix(space.constant(density) * ufl.inner(u, v) * dx)
-
-
-def fix(space: Space, fixed: NDArray[np.bool_]) -> list[Any]:
-    """Dirichlet conditions for `assemble_matrix` from a mask (N, 3) of held components."""
-    dofs = np.sort(space.dofs[fixed]).astype(np.int32)
-    if not len(dofs):
-        return []
-    zero = fem.Function(space.V)
-    if fixed[fixed.any(axis=1)].all():
-        return [fem.dirichletbc(zero, dofs[::3] // 3)]
-    return [fem.dirichletbc(PETSc.ScalarType(0), dofs[dofs % 3 == i], space.V.sub(i)) for i in range(3)]
 
 
 def release() -> None:

@@ -1,4 +1,4 @@
-"""The network of learning/networks/m4gn.py as its equations read, from its bare weights: the inputs of each edge side by side, in float32."""
+"""The network of learning/networks/m4gn.py as its equations read, from its bare weights: an edge's inputs side by side, in float32."""
 
 from __future__ import annotations
 

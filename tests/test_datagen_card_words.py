@@ -12,7 +12,7 @@ from datagen.files.provenance import machine
 from datagen.sets import card, statistics
 from datagen.sets.card import _header, _histogram, _leaves, _units, write_card
 from physics.scene import Scene
-from tests.tiny import UNIT, tiny, write_set
+from tests.five_nodes import UNIT, tiny, write_set
 
 FAMILY = '''# Tiny: five nodes.
 name = "tiny"

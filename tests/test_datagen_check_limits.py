@@ -13,7 +13,7 @@ from physics.equilibrium.newton import TOLERANCE
 from physics.fidelity.verify import Frame
 from physics.mesh.build import build_mesh
 from physics.scene import read_scene
-from tests.tiny import tiny, write_set
+from tests.five_nodes import tiny, write_set
 from tests.unsolved import COUNT, scene, trajectory
 
 

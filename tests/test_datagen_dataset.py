@@ -10,7 +10,7 @@ import pytest
 from datagen.sets import dataset
 from datagen.sets.dataset import digest, entry_of, file_name, files, read_manifest, write_manifest
 from physics.schema import InputError
-from tests.tiny import tiny, write_set
+from tests.five_nodes import tiny, write_set
 
 
 def by_hand(made):

@@ -10,7 +10,7 @@ from datagen.files.trajectory import problems, read_trajectory
 from datagen.sets import dataset
 from datagen.sets.deepmind import KIND_OF, _decoded, _read_meta, export_records, from_fields, import_records, to_fields
 from physics.schema import InputError
-from tests.tiny import UNIT, tiny, write_set
+from tests.five_nodes import UNIT, tiny, write_set
 
 
 def fields(**changes):

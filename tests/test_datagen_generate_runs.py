@@ -13,8 +13,8 @@ from datagen.files.trajectory import read_trajectory, write_trajectory
 from datagen.sets import dataset, generate
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
+from tests.five_nodes import tiny
 from tests.scenes import beam, pressed
-from tests.tiny import tiny
 
 TEXT = """
 [body]

@@ -13,8 +13,8 @@ from datagen.files.trajectory import read_trajectory, write_trajectory
 from datagen.sets import dataset
 from datagen.sets.pack import decode, encode, pack, unpack
 from physics.schema import InputError
+from tests.five_nodes import UNIT, tiny, write_set
 from tests.synthetic import bending
-from tests.tiny import UNIT, tiny, write_set
 
 
 def opened(blob):
@@ -135,10 +135,10 @@ def test_an_obstacle_that_turns_is_packed_as_the_body_is():
     turning = whole.displacement.copy()
     turning[2, 6, 0] += np.float32(0.5)
     blob, _ = encode(dataclasses.replace(whole, displacement=turning), 1e-3)
-    header, arrays = opened(blob)
+    _, arrays = opened(blob)
     assert "path" not in arrays and arrays["moving"][5:].all() and far(decode(blob).displacement, turning) <= 1e-3
     alone = dataclasses.replace(whole, node_kind=np.where(whole.body, whole.node_kind, 0).astype(np.uint8))
-    header, arrays = opened(encode(alone, 1e-3)[0])
+    _, arrays = opened(encode(alone, 1e-3)[0])
     assert "path" not in arrays and arrays["moving"][5:].all()
 
 

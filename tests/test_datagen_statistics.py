@@ -10,8 +10,8 @@ import pytest
 from datagen.sets import statistics
 from datagen.sets.statistics import lines, of_trajectory, rows_of
 from physics.schema import InputError
+from tests.five_nodes import UNIT, tiny, write_set
 from tests.scenes import beam, pressed
-from tests.tiny import UNIT, tiny, write_set
 
 
 def test_the_numbers_of_one_trajectory_are_those_worked_out_on_paper():

@@ -13,8 +13,8 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import OF_VTK
 from physics.scene import Body
 from physics.schema import InputError
+from tests.five_nodes import UNIT, tiny
 from tests.scenes import beam
-from tests.tiny import UNIT, tiny
 
 FIELD = np.arange(3 * 8 * 2, dtype=np.float32).reshape(3, 8, 2)
 
@@ -115,7 +115,8 @@ def test_what_is_derived_of_a_trajectory():
 def test_the_numbers_of_node_kinds_and_cells_are_those_of_the_public_data_sets_and_of_vtk():
     names = ("NORMAL", "OBSTACLE", "AIRFOIL", "HANDLE", "INFLOW", "OUTFLOW", "WALL")
     assert [getattr(module, name) for name in names] == [0, 1, 2, 3, 4, 5, 6]
-    assert {vtk: cell.corners for vtk, cell in OF_VTK.items()} == {5: 3, 9: 4, 10: 4, 12: 8, 13: 6}  # triangle, quadrilateral, tetrahedron, hexahedron, wedge
+    # triangle, quadrilateral, tetrahedron, hexahedron, wedge
+    assert {vtk: cell.corners for vtk, cell in OF_VTK.items()} == {5: 3, 9: 4, 10: 4, 12: 8, 13: 6}
 
 
 @pytest.mark.parametrize(("cell", "vtk", "corners"), [("prism", 13, 6), ("hexahedron", 12, 8), ("tetrahedron", 10, 4)])

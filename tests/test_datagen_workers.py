@@ -4,6 +4,7 @@ import asyncio
 import os
 import sys
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -101,7 +102,7 @@ class Future:
 class Client:
     """A Dask client whose workers compute at once."""
 
-    threads = {"tcp://10.0.0.1:1": 1, "tcp://10.0.0.1:2": 1, "tcp://10.0.0.2:1": 1}
+    threads: ClassVar = {"tcp://10.0.0.1:1": 1, "tcp://10.0.0.1:2": 1, "tcp://10.0.0.2:1": 1}
     loop, status, fault = None, "running", None
 
     def __init__(self, address, timeout, set_as_default):

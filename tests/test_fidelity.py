@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import fidelity
+from datagen import scene_verbs
 from datagen.files.trajectory import read_trajectory, write_trajectory
 from physics.mesh.build import build_mesh
 from physics.scene import Body
@@ -117,8 +118,8 @@ def modes_found(elastic: bool):
 
 
 def test_modes_are_told_in_their_unit_counted_from_one(monkeypatch, capsys):
-    monkeypatch.setattr(fidelity, "_elastic", lambda options: modes_found(True))
-    monkeypatch.setattr(fidelity, "_laplacian", lambda options: modes_found(False))
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
+    monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
     rest = {"residuals": [1e-9, 2e-9], "dofs": 24, "seconds": 1.5, "cells": "1 cell", "solver": "dense", "clusters": [[1, 2]],
             "remarks": ["nothing of note"], "frequencies": "theirs"}
     for kind, first in (
@@ -133,8 +134,8 @@ def test_modes_are_told_in_their_unit_counted_from_one(monkeypatch, capsys):
 def test_shapes_of_modes_stand_in_their_file(monkeypatch, capsys, tmp_path):
     import meshio
 
-    monkeypatch.setattr(fidelity, "_elastic", lambda options: modes_found(True))
-    monkeypatch.setattr(fidelity, "_laplacian", lambda options: modes_found(False))
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
+    monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
     (tmp_path / "s.toml").write_text(beam().to_toml())
     assert called(capsys, "modes", tmp_path / "s.toml", "--out", tmp_path / "e.vtu")[1].endswith(f"shapes: {tmp_path / 'e.vtu'}\n")
     data = meshio.read(tmp_path / "e.vtu").point_data
@@ -150,8 +151,8 @@ def test_shapes_of_modes_stand_in_their_file(monkeypatch, capsys, tmp_path):
 
 def test_pictures_of_modes_are_named_by_value_and_unit(monkeypatch, capsys, tmp_path):
     given = []
-    monkeypatch.setattr(fidelity, "_elastic", lambda options: modes_found(True))
-    monkeypatch.setattr(fidelity, "_laplacian", lambda options: modes_found(False))
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
+    monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
     monkeypatch.setattr("physics.view.mode_pictures", lambda folder, mesh, shapes, names: given.append((folder, names)) or ["a", "b"])
     status, out, _ = called(capsys, "modes", "s.toml", "--picture", tmp_path / "p")
     assert status == 0 and out.endswith(f"2 pictures: {tmp_path / 'p'}\n")
@@ -200,7 +201,8 @@ def solved(monkeypatch, tmp_path):
         linear_steps=2,
     )
     monkeypatch.setattr("physics.solution.solve", lambda scene, **how: solution)
-    monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: SimpleNamespace(extra={"model": {"inertia": "left out"}}))
+    made = SimpleNamespace(extra={"model": {"inertia": "left out"}})
+    monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: made)
     written = []
     monkeypatch.setattr("datagen.files.trajectory.write_trajectory", lambda path, trajectory: written.append(path))
     return SimpleNamespace(
@@ -250,7 +252,8 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d", "--count", "4", "--split", "test", "--seed", "9", "--workers", "2",
                   "--cluster", "tcp://x", "--time-limit", "1.5")[0] == 0
     assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tcp://x", "time_limit": 1.5}
-    monkeypatch.setattr("datagen.sets.plan.planned", lambda family, wanted, seed: {"count": 3, "nodes": {"mean": 81.5, "min": 60.0}, "of": seed})
+    monkeypatch.setattr("datagen.sets.plan.planned",
+                        lambda family, wanted, seed: {"count": 3, "nodes": {"mean": 81.5, "min": 60.0}, "of": seed})
     assert called(capsys, "generate", "beam", "--dry-run", "--seed", "5")[1].splitlines() == [
         "count           3", "nodes           mean 81.5, min 60", "of              5"]
     status, _, err = called(capsys, "generate", "beam")

@@ -16,6 +16,7 @@ OURS = ("physics", "datagen", "learning", "fidelity", "notebooks", "tests", "ben
 MAY_IMPORT = {"physics": {"physics"}, "datagen": {"physics", "datagen"}, "learning": {"physics", "datagen", "learning"}}
 FORMS = {"dolfinx", "ffcx", "basix"}
 SOLVERS = FORMS | {"ufl", "petsc4py", "slepc4py", "mpi4py"}
+USERS = sorted(path.relative_to(ROOT) for folder in ("benchmarks", "notebooks", "examples") for path in (ROOT / folder).glob("*.py"))
 SOURCES = sorted(path.relative_to(ROOT) for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 
 
@@ -77,6 +78,16 @@ def test_the_map_of_a_package_names_all_that_is_in_it(package: Path) -> None:
     assert len(there) - len(list((ROOT / package).glob("*/__init__.py"))) <= 10
 
 
+@pytest.mark.parametrize("path", USERS, ids=str)
+def test_what_is_imported_from_the_packages_is_there(path: Path) -> None:
+    """Late imports included: no other test runs all of these files."""
+    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in MAY_IMPORT:
+            module = importlib.import_module(node.module)
+            for alias in node.names:
+                assert hasattr(module, alias.name) or importlib.import_module(f"{node.module}.{alias.name}")
+
+
 @pytest.mark.parametrize("package", MAY_IMPORT)
 def test_what_a_package_offers_can_be_imported_from_it(package: str) -> None:
     module = importlib.import_module(package)
@@ -84,7 +95,7 @@ def test_what_a_package_offers_can_be_imported_from_it(package: str) -> None:
     for name in module.__all__:
         assert getattr(module, name).__name__.endswith(name)
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
-        module.nonsense  # noqa: B018
+        module.nonsense
 
 
 def test_training_does_not_load_the_solver() -> None:

@@ -138,7 +138,8 @@ def test_the_reduced_model_goes_in_as_many_steps_as_its_name_says(monkeypatch):
 
 def test_two_kinds_of_newton_are_one_step_and_the_whole_iteration(monkeypatch):
     asked = []
-    monkeypatch.setattr("learning.prediction.surrogates.corrected_rollout", lambda model, trajectory, scene, mesh, count: asked.append(count) or 1 / 0)
+    monkeypatch.setattr("learning.prediction.surrogates.corrected_rollout",
+                        lambda model, trajectory, scene, mesh, count: asked.append(count) or 1 / 0)
     monkeypatch.setattr("learning.prediction.surrogates._modes_seconds", lambda model, case: 0.0)
     for each in module.predictors({"a": model()})[1:3]:
         with pytest.raises(ZeroDivisionError):

@@ -40,8 +40,8 @@ def test_whole_numbers_have_limits(key, low, high):
             read(high + 1)
 
 
-@pytest.mark.parametrize("key, least", [("tau", 0.0), ("noise", 0.0), ("contact_radius", None), ("budget_seconds", None), ("learning_rate", None),
-                                        ("final_learning_rate", None), ("clip_norm", None)])
+@pytest.mark.parametrize("key, least", [("tau", 0.0), ("noise", 0.0), ("contact_radius", None), ("budget_seconds", None),
+                                        ("learning_rate", None), ("final_learning_rate", None), ("clip_norm", None)])
 def test_numbers_are_positive_or_at_least_zero(key, least):
     assert getattr(read_table(TrainConfig, {key: 1e-9}), key) == 1e-9
     with pytest.raises(InputError, match=key):
@@ -54,7 +54,8 @@ def test_numbers_are_positive_or_at_least_zero(key, least):
 
 
 @pytest.mark.parametrize("key, words", [("scheme", ("step", "pose")), ("modes", ("elastic", "laplacian")), ("segments", ("auto",)),
-                                        ("method", ("metis", "slic-od", "slic-od-l", "slic-od-e", "slic-md", "slic-mdod-l", "slic-mdod-e"))])
+                                        ("method", ("metis", "slic-od", "slic-od-l", "slic-od-e", "slic-md", "slic-mdod-l",
+                                                    "slic-mdod-e"))])
 def test_words_are_among_the_known(key, words):
     for word in words:
         assert getattr(read_table(TrainConfig, {key: word}), key) == word

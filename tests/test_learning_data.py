@@ -27,7 +27,7 @@ from learning.samples.samples import (
     unit_of,
 )
 from physics.schema import InputError
-from tests.tiny_graph import KIND, REST, assert_graph_is, contacts_by_hand, edges_by_hand, mesh_edge_by_hand, node_by_hand, tiny
+from tests.graph_by_hand import KIND, REST, assert_graph_is, contacts_by_hand, edges_by_hand, mesh_edge_by_hand, node_by_hand, tiny
 
 RADIUS = 2.0
 STEP = TrainConfig(segments=2, method="metis", contact_radius=RADIUS, noise=0.25)

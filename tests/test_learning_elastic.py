@@ -5,8 +5,8 @@ from math import factorial
 import numpy as np
 import pytest
 
-from physics.mesh.build import build_mesh
 from physics.mesh import cell as cells
+from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.reduced.elastic import Elastic, symmetric
 from physics.scene import Body

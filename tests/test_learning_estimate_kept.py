@@ -67,7 +67,8 @@ def test_what_is_kept_is_read_again_and_believed(counted, trajectory, tmp_path):
     np.testing.assert_array_equal(again.displacement, first.displacement)
     np.testing.assert_array_equal(again.answer, first.answer)
     np.save(file, kept + 100)
-    np.testing.assert_array_equal(estimate(trajectory, FRAMES, cache=tmp_path).answer[:, trajectory.body], first.answer[:, trajectory.body] + 100)
+    again = estimate(trajectory, FRAMES, cache=tmp_path)
+    np.testing.assert_array_equal(again.answer[:, trajectory.body], first.answer[:, trajectory.body] + 100)
     assert counted.made == 1 and [path.name for path in tmp_path.iterdir()] == [file.name]
     estimate(trajectory, FRAMES)  # without a folder nothing is looked up
     assert counted.made == 2

@@ -12,8 +12,8 @@ from learning.segments.harmonics import harmonics
 from physics.mesh.build import build_mesh
 from physics.scene import Body
 from physics.schema import InputError
+from tests.graph_by_hand import CELLS, REST, tiny
 from tests.synthetic import bending
-from tests.tiny_graph import CELLS, REST, tiny
 
 EDGES = np.array([(a, b) for a in range(5) for b in range(5) if any({a, b} <= set(cell) for cell in CELLS) and a != b]).T
 LENGTH = np.mean([sum((REST[a] - REST[b]) ** 2) ** 0.5 for a, b in EDGES.T])  # 0.84 m

@@ -10,8 +10,8 @@ from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE
 from learning.graphs.encoding import mesh_graph, random_walk
 from learning.graphs.graph import build_graph, build_skeleton, contact_edges, join, neighbours
 from learning.segments.edges import mesh_edges
+from tests.graph_by_hand import KIND, REST, assert_graph_is, edges_by_hand, one_cell, tiny
 from tests.synthetic import bending
-from tests.tiny_graph import KIND, REST, assert_graph_is, edges_by_hand, one_cell, tiny
 
 RADIUS = 0.006
 SEGMENT = np.array([0, 1, 0, 1, 2, 3, 3, 3, 3], np.int32)

@@ -79,7 +79,8 @@ def test_a_batch_that_cannot_be_shared_evenly_is_refused(said, monkeypatch):
 
 def test_malloc_is_told_to_map_nothing_and_to_trim_nothing(monkeypatch):
     calls = []
-    monkeypatch.setattr(memory.ctypes, "CDLL", lambda name: SimpleNamespace(mallopt=lambda *given: calls.append(given)) if name is None else None)
+    library = SimpleNamespace(mallopt=lambda *given: calls.append(given))
+    monkeypatch.setattr(memory.ctypes, "CDLL", lambda name: library if name is None else None)
     memory.keep_freed_memory()
     # malloc.h: M_MMAP_MAX is -4, M_TRIM_THRESHOLD -1; the largest int there is
     assert calls == [(-4, 0), (-1, 2147483647)]

@@ -12,9 +12,9 @@ from physics.contact.conditions import ContactSurface
 from physics.contact.obstacles import Rigid
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
-from physics.reduced import quasistatic as module
 from physics.reduced.elastic import Elastic
-from physics.reduced.quasistatic import Estimator, _factor, _loads, _rotation
+from physics.reduced.pose import Press, Pressed, _factor, _rotation
+from physics.reduced.quasistatic import Estimator, _loads
 from physics.scene import Body, read_scene
 from physics.schema import InputError
 
@@ -94,7 +94,8 @@ def test_loads_are_bells_of_one_cell_around_a_point(normal):
     across = np.cross(normal, first)
 
     def bell(centre):
-        weight = np.array([np.exp(-np.sum((point - centre) ** 2) / (2 * size**2)) * area for point, area in zip(rest, surface.area, strict=True)])
+        weight = np.array([np.exp(-np.sum((point - centre) ** 2) / (2 * size**2)) * area
+                           for point, area in zip(rest, surface.area, strict=True)])
         nodal = np.zeros(len(mesh.points))
         for share, row in zip(weight / weight.sum(), surface.weights.toarray(), strict=True):
             nodal += share * row
@@ -118,10 +119,14 @@ def test_what_an_estimator_knows_of_its_scene(monkeypatch):
     np.testing.assert_allclose(estimator.centres, centres, atol=1e-9)
     np.testing.assert_allclose(estimator._way, np.cumsum([0, 2e-4, 5e-3, np.hypot(3e-3, 3.5e-3), 4.3e-3]), atol=1e-8)
     assert estimator.overlaps.tolist() == [False, False, True, True, False]
-    assert estimator._tolerance == pytest.approx(6e-8)  # 1e-6 of the length of 60 mm
-    # of exact contact the inverse of a stiffness of 2e4 moduli over a cell, times the area
-    np.testing.assert_allclose(estimator._softness, 0.01 / 2e4 / estimator.surface.area)
     assert not (estimator.surface.positions(estimator.mesh.points)[:, 0] < 1e-9).any()  # what is held is not in contact
+
+
+def test_what_a_pressed_body_knows_of_its_contact():
+    press = estimator_of(unsolved())._press
+    assert press.size == pytest.approx(0.01) and press._tolerance == pytest.approx(6e-8)  # 1e-6 of the length of 60 mm
+    # of exact contact the inverse of a stiffness of 2e4 moduli over a cell, times the area
+    np.testing.assert_allclose(press._softness, 0.01 / 2e4 / press.surface.area)
 
 
 def test_stops_are_frames_a_stride_apart():
@@ -169,18 +174,19 @@ def test_a_small_dent_is_that_of_the_linear_problem():
 def test_an_obstacle_that_never_touches_leaves_all_at_rest():
     trajectory = unsolved(centres=np.array([[0.06, 0.02, 0.02025], [0.06, 0.02, 0.0201], [0.06, 0.02, 0.0203]]))
     estimator = estimator_of(trajectory)
-    assert not estimator.overlaps.any() and not hasattr(estimator, "_model")
+    assert not estimator.overlaps.any() and not hasattr(estimator, "_press")
     found, answer = estimator.frames([1, 2])
     assert found.shape == answer.shape == (2, len(trajectory.mesh.points), 3) and found.dtype == answer.dtype == np.float32
     assert not found.any() and not answer.any()
 
 
 def test_normals_turn_as_the_curvature_of_a_cylinder_says():
-    estimator = Estimator.__new__(Estimator)
-    estimator.size, axis = 0.005, np.array([0.0, 1, 0])
-    estimator.obstacle = Rigid(read_scene({**TABLE, "obstacle": {"shape": "cylinder", "radius": 0.01, "path": [[0, 0, 0.1], [0, 0, 0]]}}).obstacle)
+    press = Press.__new__(Press)
+    press.size, axis = 0.005, np.array([0.0, 1, 0])
+    cylinder = {"shape": "cylinder", "radius": 0.01, "path": [[0, 0, 0.1], [0, 0, 0]]}
+    press.obstacle = Rigid(read_scene({**TABLE, "obstacle": cylinder}).obstacle)
     centre, points = np.array([0.01, 0.02, 0.03]), np.array([[0.02, 0.05, 0.04], [0.01, 0.0, 0.018]])
-    for found, point in zip(estimator._turning(points, centre), points, strict=True):
+    for found, point in zip(press._turning(points, centre), points, strict=True):
         offset = (point - centre) * [1, 0, 1]
         distance = np.linalg.norm(offset)
         expected = (np.eye(3) - np.outer(axis, axis) - np.outer(offset, offset) / distance**2) / distance
@@ -188,9 +194,9 @@ def test_normals_turn_as_the_curvature_of_a_cylinder_says():
 
 
 def test_answers_of_nodes_are_columns_of_the_inverse_beyond_the_space():
-    estimator = estimator_of(unsolved())
-    estimator._restart()
-    elastic, space = estimator._elastic, estimator._model.space
+    press = estimator_of(unsolved())._press
+    press = press.within(press.model)  # nothing is known yet
+    elastic, space = press.elastic, press.model.space
     free = ~elastic.held
     whole = np.zeros((elastic.size, elastic.size))
     whole[np.ix_(free, free)] = np.linalg.inv(elastic.stiffness.toarray()[np.ix_(free, free)])
@@ -200,9 +206,9 @@ def test_answers_of_nodes_are_columns_of_the_inverse_beyond_the_space():
     elastic.solve = lambda force: solved.append(force.shape[1]) or solve(force)
     for nodes, new in (([20, 7], 2), ([7, 20, 31], 1), ([31, 7], 0), ([5], 1)):
         nodes = np.array(nodes)
-        columns = estimator._columns(nodes)
+        columns = press._columns(nodes)
         components = (3 * nodes[:, None] + np.arange(3)).ravel()
-        np.testing.assert_allclose(estimator._answers[:, columns], whole[:, components], atol=1e-9 * abs(whole).max())
+        np.testing.assert_allclose(press._answers[:, columns], whole[:, components], atol=1e-9 * abs(whole).max())
         assert sum(solved) == 3 * new
         solved.clear()
 
@@ -232,19 +238,19 @@ def test_scenes_of_other_kinds_are_refused(changes):
 
 def test_a_state_far_from_the_pose_is_reached_in_halves():
     """Each half no longer than a cell; where Newton's method never leads there, the body stays and the pose is the new one."""
-    estimator, asked = Estimator.__new__(Estimator), []
-    estimator.size = 1.0
-    start = module._Pressed(np.zeros(3), np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
+    press, asked = Press.__new__(Press), []
+    press.size = 1.0
+    start = Pressed(np.zeros(3), np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
 
     def newton(centre, state, c):
         asked.append((float(state.centre[0]), float(centre[0])))
         return replace(state, centre=centre, q=state.q + 1)
 
-    estimator._newton = newton
-    found = estimator._advance(np.array([2.0, 0, 0]), start, np.zeros(1))
+    press._newton = newton
+    found = press.advance(np.array([2.0, 0, 0]), start, np.zeros(1))
     assert asked == [(0, 1), (1, 2)] and found.q[0] == 2
     asked.clear()
-    estimator._newton = lambda centre, state, c: asked.append(1)
-    found = estimator._advance(np.array([1.0, 0, 0]), start, np.zeros(1))
+    press._newton = lambda centre, state, c: asked.append(1)
+    found = press.advance(np.array([1.0, 0, 0]), start, np.zeros(1))
     assert found.centre[0] == 1 and found.q[0] == 0
     assert len(asked) == 2 ** 7 - 1  # one, its two halves, .. down to 64 of 2^-6 of the way

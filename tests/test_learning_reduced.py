@@ -119,10 +119,10 @@ def test_vectors_are_derivatives_of_equilibria_under_the_loads(elastic):
     # along the main load alone: what is left falls by 2^4 when the load is halved
     assert size(left(0.5, 0, 1)) / size(left(0.25, 0, 1)) == pytest.approx(16, rel=0.1)
     for j in (1, 2):
-        def slope(s):
+        def slope(s, j=j):
             return (left(s, 1e-4, j) - left(s, -1e-4, j)) / 2e-4
 
-        def bend(s):
+        def bend(s, j=j):
             return left(s, 1e-2, j) + left(s, -1e-2, j) - 2 * left(s, 0, j)
 
         assert size(slope(0.5)) / size(slope(0.25)) == pytest.approx(8, rel=0.1)  # of order s^3

@@ -102,7 +102,8 @@ def test_cells_are_halved_down_to_two():
     assert coarser(replace(scene, body=replace(scene.body, shape="file"))) is None
 
 
-LOADED = dict(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [4, 2, 2]}, load=[{"where": "x-max", "traction": [0.0, 0.0, -50.0]}],
+LOADED = dict(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [4, 2, 2]},
+              load=[{"where": "x-max", "traction": [0.0, 0.0, -50.0]}],
               material={"young_modulus": 1e6, "poisson_ratio": 0.4, "law": "linear"})
 
 

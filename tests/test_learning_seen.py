@@ -11,9 +11,9 @@ import pytest
 from learning.samples import seen as module
 from learning.samples.seen import FILE, Seen, description, outside, read_seen, seen, write_seen
 from physics.schema import InputError
+from tests.graph_by_hand import REST, one_cell, tiny
 from tests.scenes import beam, pressed
 from tests.synthetic import bending
-from tests.tiny_graph import REST, one_cell, tiny
 
 # the obstacle's middle from frame to frame: 5 m, 12 m, 3 m and 4 m
 PATH = np.array([[0, 0, 0], [3, 0, 4], [3, -12, 4], [3, -12, 1], [-1, -12, 1]], np.float32)

@@ -11,8 +11,8 @@ from learning.segments.file import segment_file
 from learning.segments.quality import auto_segment, segment_quality
 from physics import view
 from physics.schema import InputError
+from tests.graph_by_hand import one_cell
 from tests.synthetic import bending
-from tests.tiny_graph import one_cell
 
 HOW = dict(method="slic-md", tau=0.3, modes="elastic", mode_count=2)
 

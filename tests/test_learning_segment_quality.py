@@ -12,8 +12,8 @@ from learning.segments import quality
 from learning.segments.cut import body_graph, ends, segment
 from learning.segments.features import Features, features
 from physics.schema import InputError, read_table, to_table
+from tests.graph_by_hand import one_cell
 from tests.synthetic import bending
-from tests.tiny_graph import one_cell
 
 
 def distances(feature):

@@ -12,8 +12,8 @@ from learning.segments.cut import body_graph, ends, segment
 from learning.segments.features import Features, features
 from physics.schema import InputError
 from tests import plain_slic
+from tests.graph_by_hand import one_cell, tiny
 from tests.synthetic import bending
-from tests.tiny_graph import one_cell, tiny
 
 
 def path(nodes):

@@ -44,7 +44,7 @@ def files(tmp_path_factory):
 def loss_of(network, normaliser, batch, of=slice(None)):
     """The mean over free nodes and components of all samples, of which those asked for are summed."""
     total, count = torch.zeros(()), 0
-    for graph, target, free in batch:
+    for _, _, free in batch:
         count += 3 * int(free.sum())
     for graph, target, free in batch[of]:
         said = network(normaliser.graph(graph))

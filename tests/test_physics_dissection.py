@@ -156,7 +156,7 @@ def test_columns_reach_only_the_parts_above(case):
         assert whole == pytest.approx(expected, abs=1e-9 * abs(inverse).max())
         reached = set()
         for place in places[chosen]:
-            part = next(t for t in range(len(found.part)) if found.part[t]["first"] <= place < found.part[t]["first"] + found.part[t]["own"] // 3)
+            part = next(t for t, of in enumerate(found.part) if of["first"] <= place < of["first"] + of["own"] // 3)
             while part >= 0:
                 reached.add(part)
                 part = found.parent[part]

@@ -1,5 +1,6 @@
 """The journal of an unfinished path: what it holds, when it is written, and that no damage to it goes unnoticed."""
 
+import itertools
 import zlib
 
 import numpy as np
@@ -148,7 +149,7 @@ def test_a_block_is_written_once_a_second(tmp_path, clock):
         clock[0] = now
         made.add(frame(i), {"m": np.array(i)})
         sizes.append(path.stat().st_size)
-    assert [size > before for before, size in zip(sizes[:-1], sizes[1:], strict=True)] == [False, False, True, False, False, True]
+    assert [size > before for before, size in itertools.pairwise(sizes)] == [False, False, True, False, False, True]
     assert made.memory["m"] == 5
     made.save()
     assert path.stat().st_size == sizes[-1]  # nothing new

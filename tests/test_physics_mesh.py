@@ -64,8 +64,9 @@ def test_edges_and_facets_are_those_of_vtk_and_facets_look_outward(cell):
 
 def test_other_numbers_of_the_kinds():
     assert CELLS["vertex"].dimension == 0 and CELLS["line"].dimension == 1
-    assert {name: cell.plural for name, cell in CELLS.items() if cell.dimension >= 2} == {"triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra",
-                      "hexahedron": "hexahedra", "prism": "prisms"}
+    assert {name: cell.plural for name, cell in CELLS.items() if cell.dimension >= 2} == {
+        "triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra", "hexahedron": "hexahedra",
+        "prism": "prisms"}
     assert [kind_of(np.zeros((1, n), int)) for n in (2, 3, 4)] == ["line", "triangle", "quadrilateral"]
 
 

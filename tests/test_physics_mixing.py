@@ -1,5 +1,7 @@
 """Anderson's mixing, held against its definition written out, with `numpy.linalg.lstsq` for the argmin."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ def literal(equilibria):
     """What follows the last of some steps: (u, s, p) in each of some equilibria, whose differences count together, the last three."""
     before, moved, pushed = [], [], []
     for steps in equilibria:
-        for (u0, s0, p0), (u1, s1, p1) in zip(steps[:-1], steps[1:], strict=True):
+        for (u0, s0, p0), (u1, s1, p1) in itertools.pairwise(steps):
             before.append((s1 - s0).ravel())
             moved.append((u1 - u0 + s1 - s0).ravel())
             pushed.append(p1 - p0)

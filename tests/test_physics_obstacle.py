@@ -99,7 +99,8 @@ def test_normal_is_the_gradient_of_the_gap(name, count):
 def test_bend_is_the_second_derivative_of_the_gap(shape):
     body, points = Rigid(OBSTACLES[shape]), 0.6 * np.random.default_rng(0).normal(size=(400, 3)) + ROOT
     centre = np.array(ROOT)
-    points = points[body.gap(points, centre)[0] > -0.9 * (OBSTACLES[shape].radius or 0.0)]  # deeper than the rounding is wide nothing is smooth
+    # deeper than the rounding is wide nothing is smooth
+    points = points[body.gap(points, centre)[0] > -0.9 * (OBSTACLES[shape].radius or 0.0)]
     step = 1e-6  # central differences: order step^2, but for the few points within a step of where two regions meet: none here
     slope = [(body.gap(points + step * e, centre)[1] - body.gap(points - step * e, centre)[1]) / (2 * step) for e in np.eye(3)]
     bend = body.bend(points, centre)

@@ -7,6 +7,7 @@ from PIL import Image
 from physics import view
 from physics.mesh.build import build_mesh
 from physics.scene import Body
+from physics.view import drawing, page, pictures
 
 MESH = build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=(2, 1, 1)))
 STEPS = 7
@@ -14,7 +15,7 @@ STEPS = 7
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """Calls of `_draw`, each of which gives a plain grey picture a shade lighter than the one before."""
+    """Calls of `draw`, each of which gives a plain grey picture a shade lighter than the one before."""
     calls = []
 
     def draw(mesh, displacement, colour, limits, cmap, camera, size, *, obstacle=None, outline=None):
@@ -22,14 +23,14 @@ def drawn(monkeypatch):
                       "obstacle": obstacle, "outline": outline})
         return np.full((size[1], size[0], 3), 10 * len(calls) % 250, np.uint8)
 
-    monkeypatch.setattr(view, "_draw", draw)
+    monkeypatch.setattr(pictures, "draw", draw)
     return calls
 
 
 @pytest.fixture
 def titles(monkeypatch):
-    said, show = [], view._Page.show
-    monkeypatch.setattr(view._Page, "show", lambda self, panels, title: (said.append(title), show(self, panels, title))[1])
+    said, show = [], page.Page.show
+    monkeypatch.setattr(page.Page, "show", lambda self, panels, title: (said.append(title), show(self, panels, title))[1])
     return said
 
 
@@ -58,7 +59,7 @@ def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, d
     assert film.info["duration"] == 1000
     drawn.clear()
     titles.clear()
-    monkeypatch.setattr(view, "WIDTH", 300)
+    monkeypatch.setattr(drawing, "WIDTH", 300)
     assert view.film(tmp_path / "both.gif", MESH, moved, truth=truth, frames=99, seconds=0.01) == 8  # never more than there are
     assert len(drawn) == 16
     for k, (left, right) in enumerate(zip(drawn[::2], drawn[1::2], strict=True)):
@@ -113,7 +114,7 @@ def test_a_mode_goes_through_one_period_by_a_sixth_of_the_body(tmp_path, drawn, 
 def test_pictures_of_modes_are_numbered_from_one(tmp_path, monkeypatch):
     asked = []
     for kind in ("mode_picture", "mode_film"):
-        monkeypatch.setattr(view, kind, lambda path, mesh, mode, *, title: asked.append((path.name, float(mode[0, 1]), title)))
+        monkeypatch.setattr(pictures, kind, lambda path, mesh, mode, *, title: asked.append((path.name, float(mode[0, 1]), title)))
     mode = path()[1]
     written = view.mode_pictures(tmp_path / "all" / "modes", MESH, np.array([mode, 3 * mode]), names=["slow", "fast"])
     assert written == ["mode_01.png", "mode_01.gif", "mode_02.png", "mode_02.gif"] and (tmp_path / "all" / "modes").is_dir()
@@ -122,38 +123,38 @@ def test_pictures_of_modes_are_numbered_from_one(tmp_path, monkeypatch):
 
 
 def test_the_camera_holds_body_and_near_obstacle():
-    assert view.TOWARDS_EYE @ view.TOWARDS_EYE == pytest.approx(1) and view.TOWARDS_EYE[1] < 0 < view.TOWARDS_EYE[2]
-    right, up = view._axes_of_view(np.array([0.0, -1.0, 0.0]))
+    assert drawing.TOWARDS_EYE @ drawing.TOWARDS_EYE == pytest.approx(1) and drawing.TOWARDS_EYE[1] < 0 < drawing.TOWARDS_EYE[2]
+    right, up = drawing._axes_of_view(np.array([0.0, -1.0, 0.0]))
     assert right == pytest.approx([1, 0, 0]) and up == pytest.approx([0, 0, 1])  # x to the right, z up
-    right, up = view._axes_of_view(np.array([0.0, 0.0, 1.0]))
+    right, up = drawing._axes_of_view(np.array([0.0, 0.0, 1.0]))
     assert right == pytest.approx([1, 0, 0]) and up == pytest.approx([0, 1, 0])
     front = np.array([0.0, -1.0, 0.0])
     box = np.array([[1.0, 2, 3], [5, 3, 4]])
-    camera = view._fit([box[:1], box[1:]], None, front)
+    camera = drawing.fit([box[:1], box[1:]], None, front)
     assert camera.centre == pytest.approx([3, 2.5, 3.5]) and (camera.half_width, camera.half_height) == pytest.approx((2.12, 0.53))
     assert np.array_equal(camera.eye, front)
     # Half the extent, 2, around the box: a point 1.9 above is seen, one 2.1 above, or to any side, is not.
     for away, top in (
             ([3, 2, 5.9], 5.9), ([3, 2, 6.1], 4.0), ([7.1, 2, 5], 4.0), ([-1.1, 2, 5], 4.0), ([3, 5.1, 5], 4.0), ([3, 2, 0.9], 4.0)):
-        camera = view._fit([box], view.Obstacle(np.array([away]), np.zeros((0, 3), int)), front)
+        camera = drawing.fit([box], view.Obstacle(np.array([away]), np.zeros((0, 3), int)), front)
         assert camera.half_height == pytest.approx(1.06 * (top - 3) / 2) and camera.centre[2] == pytest.approx((top + 3) / 2)
-    camera = view._Camera(np.zeros(3), 2.0, 1.0, front)
-    assert view._panel_size(camera, 1) == (1200, 600) and view._panel_size(camera, 2) == (600, 300)
-    tall, flat = view._Camera(np.zeros(3), 1.0, 3.0, front), view._Camera(np.zeros(3), 9.0, 1.0, front)
-    assert view._panel_size(tall, 1) == (1200, 720) and view._panel_size(tall, 2) == (600, 480)
-    assert view._panel_size(flat, 1) == (1200, 300) and view._panel_size(flat, 2) == (600, 150)
-    assert np.array_equal(view._eye(MESH), view.TOWARDS_EYE)
+    camera = drawing.Camera(np.zeros(3), 2.0, 1.0, front)
+    assert drawing.panel_size(camera, 1) == (1200, 600) and drawing.panel_size(camera, 2) == (600, 300)
+    tall, flat = drawing.Camera(np.zeros(3), 1.0, 3.0, front), drawing.Camera(np.zeros(3), 9.0, 1.0, front)
+    assert drawing.panel_size(tall, 1) == (1200, 720) and drawing.panel_size(tall, 2) == (600, 480)
+    assert drawing.panel_size(flat, 1) == (1200, 300) and drawing.panel_size(flat, 2) == (600, 150)
+    assert np.array_equal(drawing.eye_for(MESH), drawing.TOWARDS_EYE)
     plate = build_mesh(Body(shape="plate", length=0.1, width=0.06, height=0.02, cells=(1, 1, 1)))
-    assert view._eye(plate) == pytest.approx(np.array([-0.35, -1, 0.8]) / np.linalg.norm([0.35, 1, 0.8]))
+    assert drawing.eye_for(plate) == pytest.approx(np.array([-0.35, -1, 0.8]) / np.linalg.norm([0.35, 1, 0.8]))
     sheet = build_mesh(Body(shape="plate", length=0.1, width=0.06, cells=(1, 1), cell="triangle"))
-    assert view._eye(sheet) == pytest.approx([0, 0, 1])
+    assert drawing.eye_for(sheet) == pytest.approx([0, 0, 1])
     for width, height in ((0.06, 0.031), (0.024, 0.005)):  # not twice as wide as high; not wider than a quarter of its length
         slim = build_mesh(Body(length=0.1, width=width, height=height, cells=(1, 1, 1)))
-        assert np.array_equal(view._eye(slim), view.TOWARDS_EYE)
+        assert np.array_equal(drawing.eye_for(slim), drawing.TOWARDS_EYE)
 
 
 def test_polygons_are_listed_with_their_number_of_nodes():
-    assert view._faces([np.array([[4, 5, 6]]), np.array([[0, 1, 2, 3], [7, 8, 9, 1]])]).tolist() == [
+    assert drawing._faces([np.array([[4, 5, 6]]), np.array([[0, 1, 2, 3], [7, 8, 9, 1]])]).tolist() == [
         3, 4, 5, 6, 4, 0, 1, 2, 3, 4, 7, 8, 9, 1]
     rigid = view.Obstacle(np.arange(18.0).reshape(2, 3, 3), np.array([[0, 1, 2]]))
     assert np.array_equal(rigid.at(1).points, rigid.points[1]) and np.array_equal(rigid.at(1).triangles, rigid.triangles)
@@ -177,10 +178,10 @@ def test_a_facet_has_the_colour_of_most_of_its_nodes(tmp_path, drawn):
 def test_the_outline_is_blue_where_the_truth_is_and_the_obstacle_grey():
     """Drawn for once: a body of one colour, the truth's edges 15 mm above it, an obstacle 15 mm below, seen from the front."""
     front, still = np.array([0.0, -1.0, 0.0]), np.zeros_like(MESH.points)
-    camera = view._Camera(np.array([0.05, 0.01, 0.015]), 0.06, 0.06, front)
+    camera = drawing.Camera(np.array([0.05, 0.01, 0.015]), 0.06, 0.06, front)
     square = view.Obstacle(np.array([[0.03, 0.0, -0.03], [0.07, 0.0, -0.03], [0.07, 0.0, -0.015], [0.03, 0, -0.015]]),
                            np.array([[0, 1, 2], [0, 2, 3]]))
-    picture = view._draw(MESH, still, np.linspace(5, 6, len(still)), (0, 5), "YlOrRd", camera, (120, 120), obstacle=square,
+    picture = drawing.draw(MESH, still, np.linspace(5, 6, len(still)), (0, 5), "YlOrRd", camera, (120, 120), obstacle=square,
                          outline=still + [0, 0, 0.035]).astype(int)
     assert picture.shape == (120, 120, 3)
 

@@ -88,8 +88,7 @@ class Elasticity:
         v, w = ufl.TestFunction(self.space.V), ufl.TrialFunction(self.space.V)
         density = self.space.constant(self.material.density)
         dx = ufl.dx(metadata={"quadrature_degree": fem.MASS_DEGREE[self.mesh.cell]})
-        form = fem.compile_form(density * ufl.inner(w, v) * dx)
-        return fem.assemble_matrix(fem.create_matrix(form), form, [])
+        return fem.matrix(density * ufl.inner(w, v) * dx)
 
     def weight(self, acceleration: Floats) -> Floats:
         """(N, 3) nodal forces [N] of a uniform acceleration (3,) [m/s2]."""

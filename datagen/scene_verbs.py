@@ -1,0 +1,139 @@
+"""What the command line does with a scene: modes and simulate, wiring only.
+
+Each function takes the options of its verb, `say` for lines to the reader, `writable`, which checks the path of an output before
+any work, and which of how many processes this is: all of them compute, the first one writes. What it returns is printed as JSON
+when that is asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from physics.schema import InputError, WorkError
+
+Options = argparse.Namespace
+Say = Callable[[str], None]
+Writable = Callable[..., Any]
+
+
+def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int]) -> None:
+    """Declare the verbs to a parser: `verb(name, function, *positional)` adds one."""
+    add = verb("modes", modes, "scene").add_argument
+    add("--kind", choices=("elastic", "laplacian"), default="elastic", help="elastic, or laplacian: of the shape alone (elastic)")
+    add("--count", type=positive, default=10, help="how many (10)")
+    add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
+    add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
+    add("--picture", metavar="FOLDER", help="a picture and a film of each mode")
+    verb("simulate", simulate, "scene").add_argument("--out", required=True, help="trajectory, .vtkhdf")
+
+
+def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
+    """Elastic or Laplacian modes of a body."""
+    out = writable(options.out, ".vtu", ".vtkhdf")
+    picture = writable(options.picture)
+    found = _elastic(options, processes > 1) if options.kind == "elastic" else _laplacian(options, processes > 1)
+    elastic = options.kind == "elastic"
+    values = list(found.frequencies_hz) if elastic else found.eigenvalues.tolist()
+    for i, value in enumerate(values):
+        say(f"mode {i + 1:3d}  {value:12.6g} {'Hz' if elastic else '1/m2'}  residual {found.residuals[i]:.1e}")
+    for text in (f"{found.dofs} unknowns, {found.cells}; {found.solver}", *found.remarks):
+        say(text)
+    result = {"kind": options.kind, "residuals": found.residuals.tolist(), "dofs": found.dofs, "seconds": found.seconds,
+              "cells": found.cells, "solver": found.solver, "clusters": [[i + 1 for i in members] for members in found.clusters],
+              "remarks": list(found.remarks)} | found.report
+    if rank == 0 and out is not None:
+        _write_modes(out, options, found)
+        say(f"shapes: {out}")
+    if rank == 0 and picture is not None:
+        from physics.view import mode_pictures
+
+        result["pictures"] = mode_pictures(picture, found.mesh, found.shapes, names=[
+            f"{'f' if elastic else 'lambda'} = {value:.5g} {'Hz' if elastic else '1/m2'}" for value in values])
+        say(f"{len(result['pictures'])} pictures: {picture}")
+    return result
+
+
+def _elastic(options: Options, spread: bool) -> Any:
+    from physics.modes.elastic import elastic_modes
+    from physics.scene import load_scene
+
+    if options.dirichlet is not None:
+        raise InputError("--dirichlet is for --kind laplacian; elastic modes take the supports of the scene")
+    if Path(options.scene).suffix.lower() != ".toml":
+        raise InputError(f"{options.scene}: elastic modes need a scene (.toml) with a material; its [body] may name a mesh file")
+    return elastic_modes(load_scene(options.scene), count=options.count, spread=spread)
+
+
+def _laplacian(options: Options, spread: bool) -> Any:
+    from physics.modes.laplacian import laplacian_modes
+    from physics.scene import load_body
+
+    names = options.dirichlet
+    chosen = None if names is None else [name.strip() for name in names.split(",") if name.strip() not in ("", "none")]
+    return laplacian_modes(load_body(options.scene), count=options.count, dirichlet=chosen, spread=spread)
+
+
+def _write_modes(out: Path, options: Options, found: Any) -> None:
+    """The shapes as .vtu, or as a trajectory file of the rest state alone."""
+    if out.suffix == ".vtkhdf":
+        from datagen.files.trajectory import at_rest, write_trajectory
+
+        elastic = options.kind == "elastic"
+        shapes = found.pictured if elastic else found.pictured[:, :, None] * [0.0, 0.0, 1.0]
+        text = Path(options.scene).read_text() if Path(options.scene).suffix.lower() == ".toml" else ""
+        write_trajectory(out, at_rest(found.mesh, shapes, scene=text, frequencies_hz=found.frequencies_hz if elastic else (),
+                                      extra={} if elastic else {"laplacian_eigenvalues": found.eigenvalues.tolist()}))
+    else:
+        from physics.mesh.files import write_mesh
+
+        write_mesh(out, found.mesh, {f"mode_{i + 1}": shape for i, shape in enumerate(found.pictured)})
+
+
+def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
+    """The path of a scene, through equilibria or through time, by finite elements."""
+    from datagen.files.trajectory import unfinished, write_trajectory
+    from datagen.sets.generate import trajectory_of
+    from physics.scene import load_scene
+    from physics.solution import solve
+
+    scene = load_scene(options.scene)
+    if scene.body.order != 1 or scene.body.shape == "channel":
+        raise InputError(f"{options.scene}: simulate takes solid bodies of first order; modes take others too")
+    out = writable(options.out, ".vtkhdf")
+    if out.exists() and unfinished(out) not in (None, scene.to_toml()):
+        raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
+
+    part = out.with_name(out.name + ".part")
+    if processes > 1 and part.exists():
+        raise InputError(f"--out {out}: {part.name} is of an unfinished run, which one process goes on with; delete it to start anew")
+    with tqdm(total=scene.steps.count, disable=True if rank else None, desc="simulate", unit="step") as bar:
+        solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part if processes == 1 else None,
+                         spread=processes > 1)
+    trajectory = trajectory_of(scene, solution=solution)
+    if rank == 0:
+        write_trajectory(out, trajectory)
+    steps = len(solution.displacement) - 1
+    if solution.resumed:
+        say(f"went on after step {solution.resumed}, which an earlier run had reached")
+    if solution.failure:
+        again = f"; the same call tries again from there, without {part.name} from the start" if processes == 1 else ""
+        raise WorkError(f"{solution.failure}; the {steps} steps before it are in {out}{again}")
+    if processes == 1:
+        part.unlink(missing_ok=True)
+    result = {"steps": steps, "ms_per_step": 1e3 * solution.seconds / steps,
+              "newton_iterations": int(solution.newton_iterations.sum()), "factorisations": solution.factorisations,
+              "largest_relative_residual": float(solution.relative_residual.max()),
+              "largest_penetration": float(solution.penetration.max()),
+              "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
+              "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
+              "resumed_after_step": solution.resumed}
+    say(f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
+        f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
+    for what, why in result["model"].items():
+        say(f"  {what}: {why}")
+    return result

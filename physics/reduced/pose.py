@@ -1,0 +1,191 @@
+"""A body pressed by a rigid obstacle, at one pose of it: where it moves in a small space and yields locally.
+
+The body moves in a space of some thirty functions (space.py) and yields locally as it would at rest, turned with the touched
+patch by the rotation R:
+
+    u = Phi q + R (K^-1 - Phi Phi^T) R^T sum_a p_a n_a,    dW/dq + c = Phi^T sum_a p_a n_a,
+    gap_a >= 0,  p_a >= 0,  p_a gap_a = 0                  at the points of the surface where contact is felt
+
+p are contact forces along the obstacle's normals n; c is what the body's own law has beyond the polynomial W. Newton's method
+leads from a pose to one nearby. Legend: N body nodes, M = 3 N, A points of contact, r size of the space.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from physics.contact.conditions import ContactSurface, solve_complementarity
+from physics.contact.obstacles import Rigid
+from physics.mesh.mesh import Mesh
+from physics.reduced.elastic import Elastic
+from physics.reduced.space import Reduced
+
+Floats = NDArray[np.float64]
+ITERATIONS = 40
+LOOSE = 1e-3  # cell sizes: a last step that may be left over where points of contact go in circles
+HALVINGS = 6
+FRESH = 0.02  # cell sizes: after a larger step second derivatives are computed anew
+SAMPLE = 50  # components of which one is looked at for convergence
+REACH = 1.5  # cell sizes: points with a smaller gap are looked at
+NEAR = 0.5  # cell sizes: points with a smaller gap take part in contact
+DIFFERENCE = 1e-4  # cell sizes
+SOFTEST = 1e-6  # smallest curvature of the energy over the largest
+TOLERANCE = 1e-6  # of the largest extent: displacement in Newton's last step
+STIFFNESS = 2e4  # of contact, in units of Young's modulus over the size of a cell
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """The body as it is pressed: centre (3,) of the obstacle; q (r,) in the small space; local (N, 3) what that cannot do [m];
+    pressure (A,) and push (M,) contact forces."""
+
+    centre: Floats
+    q: Floats
+    local: Floats
+    pressure: Floats
+    push: Floats
+
+
+class Press:
+    """A body in one small space, and the obstacle that presses it."""
+
+    def __init__(self, mesh: Mesh, size: float, surface: ContactSurface, obstacle: Rigid, elastic: Elastic, model: Reduced) -> None:
+        """Args: size of a cell [m]; surface where contact is felt; model: the small space."""
+        self.mesh, self.size, self.surface, self.obstacle, self.elastic, self.model = mesh, size, surface, obstacle, elastic, model
+        self._softness = size / (STIFFNESS * surface.area)
+        self._tolerance = TOLERANCE * float(np.ptp(mesh.points, axis=0).max())
+        self._known = np.zeros(0, np.int64)  # nodes whose local answers are known
+        self._answers = np.zeros((elastic.size, 0))  # K^-1 - Phi Phi^T, three columns a node
+
+    def within(self, model: Reduced) -> Press:
+        """The same in another space; local answers are those of a space."""
+        return Press(self.mesh, self.size, self.surface, self.obstacle, self.elastic, model)
+
+    def rest(self, centre: Floats) -> Pressed:
+        """Nothing moved and nothing pressed, the obstacle at a place."""
+        size, surface = self.elastic.size, len(self.surface.area)
+        return Pressed(centre, np.zeros(self.model.space.shape[1]), np.zeros((size // 3, 3)), np.zeros(surface), np.zeros(size))
+
+    def displacement(self, state: Pressed) -> Floats:
+        """(N, 3) [m]"""
+        return (self.model.space @ state.q).reshape(-1, 3) + state.local
+
+    def left_over(self, state: Pressed) -> Floats | None:
+        """(M,) the answer of the rest stiffness, turned with the body, to forces that a state leaves over; None: a cell is inside out."""
+        u = self.displacement(state).ravel()
+        force = self.elastic.internal(u)
+        return self.elastic.answer(u, state.push - force) if np.isfinite(force).all() else None
+
+    def advance(self, centre: Floats, state: Pressed, c: Floats, depth: int = 0) -> Pressed:
+        """The state at a pose, from one at another pose: in one go, or in two halves where that does not lead there.
+
+        Where 2^-HALVINGS of the way is still too far, the body stays as it is: the forces left over tell how bad the estimate is.
+        """
+        way = centre - state.centre
+        if np.linalg.norm(way) <= self.size and (found := self._newton(centre, state, c)) is not None:
+            return found
+        if depth == HALVINGS:
+            return replace(state, centre=centre)
+        state = self.advance(state.centre + way / 2, state, c, depth + 1)
+        return self.advance(centre, state, c, depth + 1)
+
+    def _newton(self, centre: Floats, state: Pressed, c: Floats) -> Pressed | None:
+        """The state at a pose from one nearby; None where Newton's method does not find it."""
+        space, rest = self.model.space, self.mesh.points
+        gap, _ = self.obstacle.gap(self.surface.weights @ (rest + self.displacement(state)), centre)
+        zone = np.flatnonzero((gap < REACH * self.size) | (state.pressure > 0))
+        if not len(zone):
+            if not state.q.any():
+                return replace(state, centre=centre)
+            zone = gap.argmin(keepdims=True)
+        rows = self.surface.weights[zone]
+        nodes = np.unique(rows.indices).astype(np.int64)
+        component = (3 * nodes[:, None] + np.arange(3)).ravel()
+        weights, softness = rows[:, nodes].toarray(), self._softness[zone]
+        zone_space, zone_rest = space[component], rest[nodes]
+        q, local, pressure = state.q, state.local[nodes], state.pressure[zone]
+        hessian = self.model.hessian(q)
+        for _ in range(ITERATIONS):
+            moved = zone_rest + (zone_space @ q).reshape(-1, 3)
+            turn = _rotation(zone_rest, moved)
+            gap, normal = self.obstacle.gap(weights @ (moved + local), centre)
+            near = np.flatnonzero((gap < max(NEAR * self.size, 1.001 * gap.min())) | (pressure > 0))
+            w, n = weights[near], normal[near]
+            held = np.flatnonzero(w.any(axis=0))  # nodes behind the near points
+            columns = self._columns(nodes[held])
+            answers = self._answers[np.ix_(component, columns)]  # (3 k, 3 h)
+            along = (w[:, :, None] * n[:, None, :]).reshape(len(near), -1)  # (a, 3 k) gap by displacement
+            turned = (w[:, :, None] * (n @ turn)[:, None, :]).reshape(len(near), -1)
+            pushed = turned[:, (3 * held[:, None] + np.arange(3)).ravel()]  # (a, 3 h)
+            in_space = along @ zone_space  # (a, r)
+            pushing = np.flatnonzero(pressure[near] > 0)
+            at = (w[pushing] @ zone_space.reshape(len(nodes), -1)).reshape(len(pushing), 3, len(q))  # (b, 3, r)
+            curved = np.einsum("b,bij->bij", pressure[near[pushing]], self._turning(w[pushing] @ (moved + local), centre))
+            factor = _factor(hessian - np.einsum("bir,bij,bjs->rs", at, curved, at, optimize=True))
+            reply = cho_solve(factor, np.column_stack([in_space.T, self.model.slope(q) + c]), check_finite=False)
+            matrix = in_space @ reply[:, :-1] + turned @ answers @ pushed.T
+            matrix = (matrix + matrix.T) / 2 + np.diag(softness[near])
+            free = gap[near] - along @ local.ravel() - in_space @ reply[:, -1]
+            p = solve_complementarity(matrix, free, pressure[near] > 0)
+            step = reply[:, :-1] @ p - reply[:, -1]
+            before, force = local, pushed.T @ p
+            q, local = q + step, (answers @ force).reshape(-1, 3) @ turn.T
+            pressure = np.zeros(len(zone))
+            pressure[near] = p
+            change = max(abs(zone_space @ step).max(), abs(local - before).max(), abs(space[::SAMPLE] @ step).max())
+            if not change < self.size:
+                return None
+            if change < self._tolerance:
+                break
+            if change > FRESH * self.size:
+                hessian = self.model.hessian(q)
+        else:
+            if change > LOOSE * self.size:
+                return None
+        whole, push = np.zeros_like(state.pressure), np.zeros(len(space))
+        whole[zone], push[component] = pressure, along.T @ p
+        push[self.elastic.held] = 0.0
+        return Pressed(centre, q, (self._answers[:, columns] @ force).reshape(-1, 3) @ turn.T, whole, push)
+
+    def _turning(self, points: Floats, centre: Floats) -> Floats:
+        """(b, 3, 3) derivative of the obstacle's normals by the places (b, 3) [m], by central differences."""
+        change = DIFFERENCE * self.size * np.eye(3)
+        return np.stack([(self.obstacle.gap(points + d, centre)[1] - self.obstacle.gap(points - d, centre)[1]) / (2 * d.max())
+                         for d in change], axis=2)
+
+    def _columns(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Where the answers to forces on some nodes stand among the known ones; those not known yet are solved for."""
+        new = np.setdiff1d(nodes, self._known)
+        if len(new):
+            forces = np.zeros((self.elastic.size, 3 * len(new)))
+            forces[(3 * new[:, None] + np.arange(3)).ravel(), np.arange(3 * len(new))] = 1.0
+            forces[self.elastic.held] = 0.0
+            space = self.model.space
+            answers = self.elastic.solve(forces) - space @ (space.T @ forces)
+            self._known = np.concatenate([self._known, new])
+            self._answers = np.concatenate([self._answers, answers], axis=1)
+        order = np.argsort(self._known)
+        at = order[np.searchsorted(self._known, nodes, sorter=order)]
+        return (3 * at[:, None] + np.arange(3)).ravel()
+
+
+def _factor(hessian: Floats) -> tuple[Floats, bool]:
+    """Cholesky's factor of a matrix; what it lacks to being positive definite is added to its diagonal."""
+    try:
+        return cho_factor(hessian, check_finite=False)
+    except LinAlgError:
+        lowest, largest = np.linalg.eigvalsh(hessian)[[0, -1]]
+        return cho_factor(hessian + (SOFTEST * largest - lowest) * np.eye(len(hessian)), check_finite=False)
+
+
+def _rotation(rest: Floats, now: Floats) -> Floats:
+    """The rotation (3, 3) that best takes points (k, 3) to others; the identity where they lie on a line."""
+    a, b = rest - rest.mean(axis=0), now - now.mean(axis=0)
+    left, stretch, right = np.linalg.svd(b.T @ a)
+    if stretch[1] < 1e-6 * stretch[0] or stretch[0] == 0:
+        return np.eye(3)
+    return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right

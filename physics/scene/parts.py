@@ -1,0 +1,150 @@
+"""What a scene is made of: body, material, supports, loads, a rigid obstacle, and steps; frozen, with unit and bounds of every key."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from physics.schema import InputError, quantity
+
+PLACES = ("x-min", "x-max", "y-min", "y-max", "z-min", "z-max")
+PLANE_CELLS, SOLID_CELLS = ("triangle", "quadrilateral"), ("prism", "tetrahedron", "hexahedron")
+Vector = tuple[float, float, float]
+
+# Which keys of [body] each shape takes besides shape, order, and for plane cells plane and thickness.
+KEYS = {
+    "beam": ("length", "width", "height", "cells", "cell_size", "cell"),
+    "plate": ("length", "width", "height", "cells", "cell_size", "cell"),
+    "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "cell"),
+    "file": ("path",),
+}
+# Which keys each shape of [obstacle] needs; a box may have a radius too.
+NEEDS = {"sphere": ("radius",), "cylinder": ("radius",), "capsule": ("radius", "length"), "box": ("size",), "half-space": ("normal",)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """The rest shape and its mesh.
+
+    beam: a straight beam of rectangular section from the origin along x; solid cells; prisms have triangles normal to x.
+    plate: the same box, its thickness `height` along z; prisms have triangles normal to z. With cell = "triangle" or
+        "quadrilateral" it is plane, of sides `length` and `width`, and takes no height.
+    channel: a plane rectangle `length` x `height` from the origin with a round hole; what is left out is 1.6 x 0.41 m with
+        a hole of radius 0.05 m at (0.2, 0.2), the domain of flow around a cylinder, in triangles of 0.02 m.
+    file: the mesh in `path`, relative to the scene file; its physical groups name the places.
+
+    A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. `order` 2 has quadratic
+    displacements on straight cells (not for prisms, and for modes only). A plane body deforms in its plane, either with no
+    strain across it (plane = "strain", the default: a slice of a long body) or with no stress ("stress": a thin sheet);
+    `thickness` is its extent across [m].
+
+    `element` is how first-order cells are sampled (body/element.py): "reduced" lets the prisms of a beam bend as they should,
+    "mean-dilatation" frees prisms and hexahedra of locking near a Poisson ratio of 1/2.
+    """
+
+    shape: str = quantity("beam", choice=tuple(KEYS))
+    length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    width: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    height: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    cells: tuple[int, ...] | None = quantity(None, at_least=1, at_most=10_000)
+    cell_size: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    cell: str = quantity("prism", choice=SOLID_CELLS + PLANE_CELLS)
+    order: int = quantity(1, at_least=1, at_most=2)
+    element: str = quantity("standard", choice=("standard", "mean-dilatation", "reduced"))
+    path: str | None = None
+    hole_centre: tuple[float, float] | None = quantity(None, unit="m")
+    hole_radius: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    plane: str | None = quantity(None, choice=("strain", "stress"))
+    thickness: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+
+    @property
+    def extent(self) -> Vector:
+        """Length, width and height [m]; a plane body has height 0. Raises `InputError` for a file: its mesh has the extent."""
+        if self.shape == "file":
+            raise InputError("a body from a file has no length, width and height")
+        sides = (self.length, self.height, 0.0) if self.shape == "channel" else (self.length, self.width, self.height or 0.0)
+        assert None not in sides
+        return sides  # type: ignore[return-value]
+
+    @property
+    def divisions(self) -> tuple[int, ...]:
+        """Numbers of cells along x, y and, unless the body is plane, z."""
+        if self.cells is not None:
+            return self.cells
+        assert self.cell_size is not None
+        return tuple(max(1, round(side / self.cell_size)) for side in self.extent if side)
+
+    @property
+    def places(self) -> tuple[str, ...] | None:
+        """The names of the places of a shape; None for a file, which is read later."""
+        if self.shape == "file":
+            return None
+        if self.shape == "channel":
+            return (*PLACES[:4], "inlet", "outlet", "walls", "hole")
+        return PLACES[:4] if self.cell in PLANE_CELLS else PLACES
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """A homogeneous isotropic material; the laws are written down in body/material.py."""
+
+    law: str = quantity("neo-hookean", choice=("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"))
+    young_modulus: float = quantity(unit="Pa", above=0, at_least=1e-9, at_most=1e18)
+    poisson_ratio: float = quantity(above=-1, below=0.5)
+    density: float = quantity(1000.0, unit="kg/m3", above=0, at_least=1e-12, at_most=1e12)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Support:
+    """Components of the displacement held at a place; `displacement` is reached linearly at the last step.
+
+    `where` is a face of a shape, a physical group of a file, or several of them with blanks between: what they have in
+    common, so "x-min z-min" is an edge. In a plane body z is held everywhere.
+    """
+
+    where: str
+    fixed: str = "xyz"
+    displacement: Vector = quantity((0.0, 0.0, 0.0), unit="m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """A dead load, reached linearly at the last step: a traction [Pa] on a face, or an acceleration [m/s2] of the body.
+
+    With `sudden` it acts in full from the start, in dynamic scenes only.
+    """
+
+    where: str | None = None
+    traction: Vector | None = quantity(None, unit="Pa")
+    acceleration: Vector | None = quantity(None, unit="m/s2")
+    sudden: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Obstacle:
+    """A rigid body that touches without friction; what each shape is stands in contact/obstacles.py.
+
+    Its centre follows the way-points of `path`, reached at equal fractions of the steps, the first one at step 0.
+    """
+
+    shape: str = quantity(choice=tuple(NEEDS))
+    radius: float | None = quantity(None, unit="m", at_least=0)  # of a box: of its edges, by default a twentieth of its smallest side
+    axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule
+    length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # capsule, between the centres of its ends
+    size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # box
+    normal: Vector | None = None  # half-space, out of it
+    path: tuple[Vector, ...] = quantity(unit="m")
+    contact: str = quantity("facets", choice=("facets", "nodes"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steps:
+    """The number of equal steps in which the loading is applied, and the time that it takes.
+
+    `dynamic` gives the body inertia; then `duration` is needed, and `velocity` is that of the whole body at the start, but for
+    what is held.
+    """
+
+    count: int = quantity(400, at_least=1, at_most=1_000_000)
+    duration: float | None = quantity(None, unit="s", above=0, at_least=1e-9, at_most=1e9)
+    dynamic: bool = False
+    velocity: Vector | None = quantity(None, unit="m/s")

@@ -1,0 +1,95 @@
+"""The rules that bind several keys of a body or an obstacle: what a shape needs, takes and refuses, and what is left out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Obstacle
+from physics.schema import InputError, nearest
+
+TAKES = NEEDS | {"box": ("size", "radius")}  # besides shape, axis, path and contact
+CHANNEL = {"length": 1.6, "height": 0.41, "hole_centre": [0.2, 0.2], "hole_radius": 0.05, "cell_size": 0.02,
+           "cell": "triangle"}
+
+
+def with_defaults(body: Any) -> Any:
+    """The table of a body with the values that its shape has when they are left out."""
+    if isinstance(body, dict) and body.get("shape") == "channel":
+        return CHANNEL | body
+    return body
+
+
+def check_body(body: Body, given: dict[str, Any]) -> None:
+    """Which keys a shape needs, takes and refuses."""
+    plane = body.shape == "channel" or (body.shape == "plate" and body.cell in PLANE_CELLS)
+    takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
+    takes += ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
+    kind = f"a plane {body.shape}" if body.shape == "plate" and plane else f"a {body.shape}"
+    for key in given:
+        if key not in takes:
+            raise InputError(f"body.{key}: {kind} takes {', '.join(takes)}")
+    for key in takes:
+        if key in ("length", "width", "height", "path") and getattr(body, key) is None:
+            raise InputError(f"body.{key}: missing")
+    if body.cell not in (PLANE_CELLS if body.shape == "channel" else SOLID_CELLS if body.shape == "beam" else (body.cell,)):
+        raise InputError(f"body.cell = {body.cell!r}: {kind} has "
+                         f"{' or '.join(PLANE_CELLS if plane else SOLID_CELLS)} cells")
+    if body.shape != "file" and body.order == 2 and body.cell == "prism":
+        raise InputError("body.order = 2: prisms are of first order only; take cell = \"tetrahedron\" or \"hexahedron\"")
+    if body.element == "reduced" and (body.shape != "beam" or body.cell != "prism" or body.extent[0] < max(body.extent[1:])):
+        raise InputError("body.element = \"reduced\": only for a beam of prisms that is at least as long as wide and high; leave it out")
+    if body.element == "mean-dilatation" and body.shape != "file" and body.cell not in ("prism", "hexahedron"):
+        raise InputError(f"body.element = \"mean-dilatation\": only for prisms and hexahedra, not for cell = {body.cell!r}; leave it out")
+    if body.element != "standard" and body.order == 2:
+        raise InputError(f"body.element = {body.element!r}: for cells of first order only; leave it or order = 2 out")
+    if body.shape in ("beam", "plate"):
+        if (body.cells is None) == (body.cell_size is None):
+            raise InputError("body: give exactly one of cells and cell_size")
+        if body.cells is not None and len(body.cells) != 3 - plane:
+            raise InputError(f"body.cells must have {3 - plane} entries, not {len(body.cells)}")
+    if body.shape != "file" and math.prod(body.divisions) > 20_000_000:
+        raise InputError(f"body: {math.prod(body.divisions):.3g} cells are more than the 2e+07 that this solver takes on")
+    if body.shape == "channel":
+        assert body.hole_centre and body.hole_radius and body.cell_size
+        length, height, _ = body.extent
+        (x, y), radius = body.hole_centre, body.hole_radius
+        room = min(x, length - x, y, height - y) - radius
+        if room <= 0:
+            raise InputError(f"body: the hole at ({x:g}, {y:g}) m of radius {radius:g} m does not lie inside the channel of "
+                             f"{length:g} x {height:g} m")
+
+
+def check_place(body: Body, where: str | None, key: str) -> None:
+    """Refuse a place that the shape does not have; those of a file are checked when it is read."""
+    if where is None or body.places is None:
+        return
+    for word in where.split() or [""]:
+        if word not in body.places:
+            raise InputError(f"{key} = {word!r}: must be one of {', '.join(body.places)}{nearest(word, body.places)}")
+
+
+def complete(obstacle: Obstacle) -> Obstacle:
+    """An obstacle with all that its shape needs and nothing else. Raises `InputError`."""
+    for key in ("radius", "length", "size", "normal"):
+        given = getattr(obstacle, key) is not None
+        if key in NEEDS[obstacle.shape] and not given:
+            raise InputError(f"obstacle.{key}: missing; a {obstacle.shape} needs it")
+        if given and key not in TAKES[obstacle.shape]:
+            raise InputError(f"obstacle.{key}: a {obstacle.shape} has none")
+    if obstacle.size is not None:
+        smallest = min(obstacle.size)
+        radius = smallest / 20 if obstacle.radius is None else obstacle.radius
+        if radius > smallest / 2:
+            raise InputError(f"obstacle.radius = {radius!r}: must be at most {smallest / 2:g} m, half the smallest side of the box")
+        obstacle = replace(obstacle, radius=radius)
+    elif obstacle.radius == 0:
+        raise InputError("obstacle.radius = 0.0: must be above 0 m")
+    for key in ("axis", "normal"):
+        vector = getattr(obstacle, key)
+        if vector is not None and math.hypot(*vector) == 0:
+            raise InputError(f"obstacle.{key} must not be the zero vector")
+    if not obstacle.path:
+        raise InputError("obstacle.path must have at least one way-point")
+    return obstacle
