@@ -5,8 +5,8 @@ import zlib
 import numpy as np
 import pytest
 
-from physics.equilibrium import journal
-from physics.equilibrium.journal import Journal
+from physics import journal
+from physics.journal import Journal
 from physics.schema import InputError, WorkError
 
 
@@ -55,8 +55,8 @@ def test_the_file_is_what_its_description_says(tmp_path):
     """Magic; then blocks: length in 8 bytes, CRC-32 in 4, little end first, and an .npz; the first holds the identity."""
     written(tmp_path / "part", 2)
     data = (tmp_path / "part").read_bytes()
-    assert data.startswith(b"fidelity journal 1\n")
-    at, names = len(b"fidelity journal 1\n"), []
+    assert data.startswith(b"fidelity journal 2\n")
+    at, names = len(b"fidelity journal 2\n"), []
     while at < len(data):
         size, check = int.from_bytes(data[at:at + 8], "little"), int.from_bytes(data[at + 8:at + 12], "little")
         block = data[at + 12:at + 12 + size]

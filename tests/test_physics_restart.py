@@ -15,7 +15,7 @@ import pytest
 
 import fidelity
 from datagen.files.trajectory import read_trajectory
-from physics.equilibrium import journal
+from physics import journal
 from physics.equilibrium.snap import Relaxation
 from physics.schema import InputError, WorkError
 from physics.solution import Solution, solve
@@ -172,7 +172,7 @@ def test_after_a_failure_the_step_that_failed_is_tried_again(tmp_path, capsys):
 
 def start(scene, out, *, limit=0):
     """`fidelity simulate` in a process of its own that saves every step; limit [bytes] on the size of files, as a disk has."""
-    code = ("import sys, resource, fidelity; from physics.equilibrium.path import journal; journal.EVERY = 0.0\n"
+    code = ("import sys, resource, fidelity; from physics import journal; journal.EVERY = 0.0\n"
             f"if {limit}: resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))\n"
             "sys.exit(fidelity.main(sys.argv[1:]))")
     return subprocess.Popen([sys.executable, "-c", code, "simulate", scene, "--out", out], cwd=ROOT, stderr=subprocess.PIPE, text=True,
