@@ -9,7 +9,6 @@ import pytest
 from datagen.family.family import draw, load_family
 from physics.equilibrium.balance import cell_size
 from physics.equilibrium.newton import TOLERANCE
-from physics.equilibrium.path import LoadPath
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from physics.solution import solve

@@ -6,8 +6,8 @@ With contact forces p_q = -(g_q + G_q s) / c_q of the points A in contact, a New
 
 and A is the set of the points where p_q > 0, found by solving again until it stays (a primal-dual active set, as in
 contact/conditions.py). Points of contact couple nodes of one facet only, so the sum has the sparsity of K. It is assembled anew at
-every step, for that costs little beside a solution. The preconditioner is smoothed aggregation (GAMG) for K alone, told the rigid motions that K hardly resists and set up again
-when the iterations it needs grow, between exact solutions at the nodes in contact.
+every step, for that costs little beside a solution. The preconditioner is smoothed aggregation (GAMG) for K alone, told the rigid
+motions that K hardly resists and set up again when the iterations it needs grow, between exact solutions at the nodes in contact.
 
 Every process holds the whole body and all displacements; rows of the matrices and of the vectors are dealt out (rows.py), so
 processes share the solution. Legend: N nodes, q points near the obstacle, n nodes behind them.
