@@ -136,7 +136,7 @@ def one_size(cells: list[int], steps: int) -> dict:
         taken += path.advance(step / 400).iterations
     seconds = time.process_time() - start
     return {"nodes": len(path.balance.mesh.points), "steps": steps, "ms_per_step": 1e3 * seconds / steps, "newton_steps": taken,
-            "factorisations": path.newton.factorisations, "factor": path.newton.tangent.name,
+            "factorisations": path.newton.factorisations, "factor": path.newton.tangent.solver.name,
             "peak_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
 
 

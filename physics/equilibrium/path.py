@@ -1,8 +1,8 @@
 """Quasi-static path following: the equilibria of a body while loads, supports and a rigid obstacle advance.
 
 What balances what stands in balance.py, how one equilibrium is found in newton.py, when small strain is enough in small_strain.py.
-Inertia is left out: the loading is taken to be slow (motion/inertia.py). Each equilibrium has a warm start (predictor): a polynomial
-through the last states, of the order that would have predicted the last one best. Before anything touches or loads the body nothing is solved.
+Inertia is left out: the loading is taken to be slow (motion/inertia.py). Each equilibrium has a warm start: a polynomial through the
+last states, of the order that would have predicted the last one best. Before anything touches or loads the body nothing is solved.
 
 A step without an equilibrium is taken in two halves, down to 2^-HALVINGS of a step; then the body is left to itself (snap.py).
 Where it does not come to rest the path ends with a clear failure that keeps what was solved before. A step in which the
@@ -140,7 +140,7 @@ class LoadPath:
             kinematics = self.linear.said(self.states[-1].u)
         said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells_said(scene)}",
                 "contact": contact_said(scene)}
-        return said | {"factor": self.newton.tangent.name}
+        return said | {"factor": self.newton.tangent.solver.name}
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""

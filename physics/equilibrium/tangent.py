@@ -52,7 +52,7 @@ class Tangent(Protocol):
         giving: negative eigenvalues of the stiffness, roundness of the obstacle included, at the last step
         factored_at: the displacements (N, 3) that it was made at
         made: how many factors there were, or set-ups of the multigrid
-        name: of the solver, in words
+        solver: what has a name in words, and solves
     """
 
     lasting: bool
@@ -62,7 +62,7 @@ class Tangent(Protocol):
     factored_at: Floats
 
     @property
-    def name(self) -> str: ...
+    def solver(self) -> Factor | Multigrid: ...
 
     @property
     def definite(self) -> bool: ...
@@ -114,10 +114,6 @@ class KeptFactor:
         self.made, self.giving, self.stale = 0, 0, True
         self.fresh, self.excess = 2, 0  # steps that a new factor needed, steps beyond them since
         self.factored_at = np.empty(0)
-
-    @property
-    def name(self) -> str:
-        return self.solver.name
 
     @property
     def definite(self) -> bool:
@@ -207,10 +203,6 @@ class Iterated:
 
     def __init__(self, solver: Multigrid) -> None:
         self.solver, self.made, self.factored_at = solver, 0, np.empty(0)
-
-    @property
-    def name(self) -> str:
-        return self.solver.name
 
     def renew(self, u: Floats, *, definite: bool = False) -> None:
         self.solver.update(u)

@@ -189,7 +189,7 @@ class Motion:
         said = {"kinematics": "small strain, as the linear law has it" if scene.material.law == "linear" else "finite strain: in motion",
                 "material": f"{scene.material.law}; {cells_said(scene)}"}
         lasting = "; what a surface layer of nodes loses when it is struck is gone, and contact makes no energy"
-        return said | {"contact": contact_said(scene) + lasting * (scene.obstacle is not None), "factor": self.newton.tangent.name}
+        return said | {"contact": contact_said(scene) + lasting * (scene.obstacle is not None), "factor": self.newton.tangent.solver.name}
 
     def frame(self) -> Arrays:
         """What is reported of the last state; each of the arrays is a row of one in `equilibrium.Solution`."""
