@@ -1,12 +1,13 @@
 """The journal of an unfinished path: what it holds, when it is written, and that no damage to it goes unnoticed."""
 
 import zlib
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from physics import journal
-from physics.journal import Journal
+from physics.journal import Journal, flatten, unflatten
 from physics.schema import InputError, WorkError
 
 
@@ -226,3 +227,29 @@ def test_a_disk_that_is_full_is_said_with_the_file(tmp_path):
 
 def test_between_two_blocks_a_kill_costs_a_second_and_memories_may_take_50_megabytes():
     assert (journal.EVERY, journal.WASTE) == (1.0, 50e6)
+
+
+@dataclass(frozen=True)
+class Inner:
+    u: np.ndarray
+    count: int
+
+
+@dataclass(frozen=True)
+class Outer:
+    word: str
+    one: Inner
+    other: Inner | None
+    more: np.ndarray | None
+    share: float
+
+
+@pytest.mark.parametrize("other, more", [(None, None), (Inner(np.zeros((0, 3)), 0), np.arange(3))])
+def test_nested_memories_are_arrays_by_name_and_come_back(other, more):
+    given = Outer("a.b", Inner(np.array([[0.1, 2.0]]), 7), other, more, 1 / 3)
+    arrays = flatten(given)
+    assert ("other.u" in arrays) == ("more" in arrays) == (other is not None) and arrays["one.u"] is given.one.u
+    found = unflatten(Outer, arrays | {"seconds": np.array(1.0)})
+    assert (found.word, found.share, found.one.count, type(found.one.count)) == ("a.b", 1 / 3, 7, int)
+    assert np.array_equal(found.one.u, given.one.u) and (found.other is None) == (other is None) and np.array_equal(found.more, more)
+    assert other is None or (found.other.u.shape == (0, 3) and found.other.count == 0)

@@ -145,6 +145,14 @@ def test_another_scene_is_refused_and_nothing_is_touched(tmp_path, save_always, 
     assert part.read_text() == "something else"
 
 
+def test_a_looser_tolerance_takes_fewer_steps_and_does_not_go_on_with_a_stricter_path(tmp_path, save_always):
+    strict, loose = solve(pressed()), solve(pressed(), tolerance=1e-3)
+    assert loose.newton_iterations.sum() < strict.newton_iterations.sum() and 1e-6 < loose.relative_residual.max() <= 1e-3
+    broken_off(pressed(), tmp_path / "part", 3)
+    with pytest.raises(InputError, match="another scene"):
+        solve(pressed(), journal=tmp_path / "part", tolerance=1e-3)
+
+
 def test_two_runs_do_not_write_into_one_journal(tmp_path):
     def on_step(step):
         with pytest.raises(WorkError, match="another process"):
