@@ -29,10 +29,11 @@ import numpy as np
 from petsc4py import PETSc
 
 from physics.equilibrium import newton
-from physics.equilibrium import path as equilibrium
 from physics.equilibrium.balance import Balance
+from physics.equilibrium.path import LoadPath
 from physics.mesh.build import build_mesh
 from physics.scene import Scene, Steps, read_scene
+from physics.solution import Solution, solve
 from tests.dolfinx_elasticity import DolfinxElasticity
 
 PRESS = {
@@ -48,10 +49,10 @@ PRESS = {
 SOFTEN = 1000.0
 
 
-def ours(scene: Scene) -> tuple[float, np.ndarray, equilibrium.Solution]:
+def ours(scene: Scene) -> tuple[float, np.ndarray, Solution]:
     """Seconds, displacements and report of our solver, set-up included."""
     start = time.process_time()
-    solution = equilibrium.solve(scene)
+    solution = solve(scene)
     if solution.failure:
         raise SystemExit(solution.failure)
     return time.process_time() - start, solution.displacement, solution
@@ -129,13 +130,13 @@ def growth(sizes: list[tuple[tuple[int, int, int], int]]) -> list[dict]:
 def one_size(cells: list[int], steps: int) -> dict:
     """The first steps of the press scene's 400 on another mesh; the first touches."""
     scene = read_scene({**PRESS, "body": {**PRESS["body"], "cells": cells}})
-    path = equilibrium.Path(scene, build_mesh(scene.body))
+    path = LoadPath(scene, build_mesh(scene.body))
     start, taken = time.process_time(), 0
     for step in range(1, steps + 1):
         taken += path.advance(step / 400).iterations
     seconds = time.process_time() - start
     return {"nodes": len(path.balance.mesh.points), "steps": steps, "ms_per_step": 1e3 * seconds / steps, "newton_steps": taken,
-            "factorisations": path.newton.factorisations, "factor": path.newton.factor.name,
+            "factorisations": path.newton.factorisations, "factor": path.newton.tangent.solver.name,
             "peak_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
 
 
@@ -143,7 +144,7 @@ def parts() -> dict:
     """Milliseconds of each part on the press scene at its last state, how often a step needs it, and the machine's floor."""
     scene = read_scene(PRESS)
     mesh = build_mesh(scene.body)
-    path, spent = equilibrium.Path(scene, mesh), {}
+    path, spent = LoadPath(scene, mesh), {}
 
     def watched(owner, name: str, label: str) -> None:
         run = getattr(owner, name)
@@ -157,14 +158,14 @@ def parts() -> dict:
 
         setattr(owner, name, timed)
 
-    factor, body = path.newton.factor, path.balance.elasticity
+    factor, body = path.newton.tangent.solver, path.balance.elasticity
     watched(body, "force", "forces")
     watched(body, "add_stiffness", "stiffness")
     watched(factor, "update", "stiffness and factor")
     for name in ("begin", "finish"):
         watched(factor, name, "solution")
-    for name in ("_condense", "_touch"):
-        watched(path.newton, name, "contact")
+    watched(path.newton.tangent, "_condense", "contact")
+    watched(path.newton, "_touch", "contact")
     start = time.process_time()
     for step in range(1, 401):
         path.advance(step / 400)

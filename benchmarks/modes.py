@@ -53,7 +53,7 @@ def free_part(found):
 
 
 def ours(found) -> list[float]:
-    from physics.linalg.eigen import lowest_pairs
+    from physics.linalg.eigen.lowest import lowest_pairs
 
     pairs = lowest_pairs(found, 10)
     assert pairs.residuals.max() < 1e-8

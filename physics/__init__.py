@@ -3,6 +3,7 @@
 A room imports what stands above it in this list, never below:
 
     schema, whole   a stranger's table read; a file written whole or not at all
+    journal         an unfinished path on disk, to go on from after a kill
     scene/          what is simulated: body, material, supports, loads, obstacle, steps
     mesh/           what the body's mesh is, where its places are, whether it is sound
     fem             the only file that knows which dolfinx is installed
@@ -26,7 +27,7 @@ from typing import Any
 
 _PUBLIC = {
     "Body": "scene", "InputError": "schema", "Load": "scene", "Material": "scene", "Mesh": "mesh.mesh",
-    "NoEquilibrium": "equilibrium.newton", "Obstacle": "scene", "Scene": "scene", "Solution": "solution", "Steps": "scene",
+    "NoEquilibrium": "equilibrium.state", "Obstacle": "scene", "Scene": "scene", "Solution": "solution", "Steps": "scene",
     "Support": "scene", "build_mesh": "mesh.build", "elastic_modes": "modes.elastic", "film": "view",
     "laplacian_modes": "modes.laplacian", "load_body": "scene", "load_scene": "scene", "read_mesh": "mesh.files", "read_scene": "scene",
     "solve": "solution", "verify": "fidelity.verify", "von_mises": "body.stress", "write_mesh": "mesh.files",

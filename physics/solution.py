@@ -1,7 +1,7 @@
 """One answer to a scene: the path of its body through equilibria or through time, kept in a journal where one is wanted.
 
 `solve` chooses between equilibrium/path.py, for slow loading, and motion/dynamics.py, for a body with inertia.
-A path kept in a journal (equilibrium/journal.py) is gone on with after a kill, to the same bits as if nothing had happened.
+A path kept in a journal (journal.py) is gone on with after a kill, to the same bits as if nothing had happened.
 
 Legend: N nodes, T steps + 1.
 """
@@ -12,14 +12,15 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path as FilePath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.equilibrium.journal import Journal
-from physics.equilibrium.newton import NoEquilibrium
-from physics.equilibrium.path import Path
+from physics.equilibrium.newton import TOLERANCE
+from physics.equilibrium.path import LoadPath
+from physics.equilibrium.state import NoEquilibrium
+from physics.journal import Journal, flatten, unflatten
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
@@ -48,6 +49,7 @@ class Solution:
     halvings: int
     model: dict[str, str]  # what was modelled, and why
     seconds: float
+    set_up: float  # [s] of the processor, before the first step
     kinetic_energy: Floats | None = None  # (T,) [J]; None where inertia is left out
     linear_steps: int = 0  # the first ones, which solve linear elasticity
     resumed: int = 0  # steps that an earlier, unfinished run had reached
@@ -55,7 +57,8 @@ class Solution:
 
 
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
-          journal: str | FilePath | None = None, method: str | None = None, spread: bool = False) -> Solution:
+          journal: str | Path | None = None, tolerance: float = TOLERANCE, method: str | None = None,
+          spread: bool = False) -> Solution:
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
@@ -63,6 +66,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         on_step: called with the number of each step that is reached
         journal: a file that keeps the path as it grows; what it holds of an earlier run of the same scene is gone on from, also
             when that run ended in a failure: then the step that failed is tried again. It is left for the caller to delete.
+        tolerance: of the residual force, over the reaction
         method: "direct" or "multigrid" instead of the choice by size
         spread: over all processes of an MPI run, which share the linear algebra; every one gets the whole answer
 
@@ -74,15 +78,16 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         WorkError: another process has the journal open
         OSError: the journal cannot be written
     """
-    started, spent = time.perf_counter(), 0.0
+    started, processor, spent = time.perf_counter(), time.process_time(), 0.0
     mesh = mesh or build_mesh(scene.body)
-    path, frames, failure = _way(scene, mesh, method, spread), [], ""
-    kept = None if journal is None else Journal(journal, identity(scene, mesh))
+    path, frames, failure = _way(scene, mesh, tolerance, method, spread), [], ""
+    set_up = time.process_time() - processor
+    kept = None if journal is None else Journal(journal, identity(scene, mesh) + f" to {tolerance}" * (tolerance != TOLERANCE))
     try:
         if kept is not None and kept.frames:
             frames = [dict(zip(kept.frames, rows, strict=True)) for rows in zip(*kept.frames.values(), strict=True)]
             spent = float(kept.memory["seconds"])
-            path.recall(kept.memory)
+            path.recall(unflatten(path.Memory, kept.memory))
         resumed = max(0, len(frames) - 1)
         for step in range(len(frames), scene.steps.count + 1):
             try:
@@ -93,7 +98,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
                 break
             frames.append(path.frame())
             if kept is not None:
-                kept.add(frames[-1], path.memory() | {"seconds": np.array(spent + time.perf_counter() - started)})
+                kept.add(frames[-1], flatten(path.memory()) | {"seconds": np.array(spent + time.perf_counter() - started)})
             if on_step is not None and step:
                 on_step(step)
         if kept is not None:
@@ -106,15 +111,15 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         mesh=mesh, **rows, smallest_det_f=smallest_det_f(mesh.points, rows["displacement"], mesh.cells, mesh.cell),
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
         model=path.model() | snapped(rows["snap"]),
-        seconds=spent + time.perf_counter() - started, resumed=resumed, failure=failure)
+        seconds=spent + time.perf_counter() - started, set_up=set_up, resumed=resumed, failure=failure)
 
 
-def _way(scene: Scene, mesh: Mesh, method: str | None, spread: bool) -> Path | Motion:
+def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread: bool) -> LoadPath | Motion:
     if not scene.steps.dynamic:
-        return Path(scene, mesh, method=method, spread=spread)
+        return LoadPath(scene, mesh, tolerance=tolerance, method=method, spread=spread)
     if spread:
         raise InputError("steps.dynamic = true: motion in time runs as one process")
-    return Motion(scene, mesh)
+    return Motion(scene, mesh, tolerance=tolerance)
 
 
 def identity(scene: Scene, mesh: Mesh) -> str:

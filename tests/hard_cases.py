@@ -11,7 +11,7 @@ import scipy.optimize
 import scipy.signal
 from scipy.special import ellipe, ellipk
 
-from physics.equilibrium.path import Path
+from physics.equilibrium.path import LoadPath
 from physics.mesh.build import build_mesh
 from physics.scene import Support, read_scene
 from physics.solution import solve
@@ -197,7 +197,7 @@ def rolled_up():
     scene, count, high = slender(
         body={"length": 1.0, "width": 0.02, "height": 0.01, "cells": [200, 2, 1], "element": "reduced"},
         support=[{"where": "x-min", "fixed": "xyz"}, {"where": "x-max", "fixed": "xyz", "displacement": [1.0, 0.0, 0.0]}]), 72, 0.01
-    path = Path(scene, build_mesh(scene.body))
+    path = LoadPath(scene, build_mesh(scene.body))
     rest, end, iterations, errors = path.balance.mesh.points, path.balance.mesh.places["x-max"], 0, []
     height, full = rest[end, 2] - high / 2, 2 * np.pi * 1e6 * 0.02 * high**3 / 12
     for step in range(1, count + 1):
@@ -307,7 +307,7 @@ def pressed_block(count):
     mesh = build_mesh(scene.body)
     towards = mesh.points / side * [1, 1, -1] + [0, 0, 1]  # 0 at the contact, 1 on the far faces
     graded = np.sinh(5.2 * towards) / np.sinh(5.2) * side
-    path = Path(scene, replace(mesh, points=graded * [1, 1, -1] + [0, 0, side]))
+    path = LoadPath(scene, replace(mesh, points=graded * [1, 1, -1] + [0, 0, side]))
     for step in (1, 2):
         state = path.advance(step / 2)
     force = state.pressure

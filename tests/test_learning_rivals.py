@@ -20,7 +20,7 @@ from learning.prediction.rivals import (
     reduced,
     trivial,
 )
-from physics.equilibrium.newton import NoEquilibrium
+from physics.equilibrium.state import NoEquilibrium
 from physics.mesh.build import build_mesh
 from tests.scenes import beam
 from tests.synthetic import bending
@@ -114,19 +114,19 @@ class Road:
         self.now, self.asked, self.mesh = 0.0, [], None
         road = self
 
-        class Path:
-            def __init__(self, scene, mesh):
-                road.scene, road.mesh, road.way = scene, mesh, self
-                road.now += 7
-                self.newton = SimpleNamespace(tolerance=None)
-                self.states = [SimpleNamespace(u=np.zeros_like(mesh.points))]
-
-            def advance(self, fraction):
+        def solve(scene, *, tolerance):
+            road.scene, road.mesh, road.tolerance = scene, build_mesh(scene.body), tolerance
+            road.now += 7
+            u, failure = [np.zeros_like(road.mesh.points)], ""
+            for step in range(1, scene.steps.count + 1):
                 road.now += 2
-                road.asked.append(fraction)
+                road.asked.append(step / scene.steps.count)
                 if fails is not None and len(road.asked) == fails:
-                    raise NoEquilibrium("lost")
-                return SimpleNamespace(u=fraction**2 * road.mesh.points, iterations=3)
+                    failure = f"no equilibrium at step {step}: lost"
+                    break
+                u.append(road.asked[-1] ** 2 * road.mesh.points)
+            return SimpleNamespace(mesh=road.mesh, displacement=np.array(u), set_up=7.0, failure=failure,
+                                   newton_iterations=np.array([0] + [3] * (len(u) - 1)))
 
         class Model:
             iterations = 11
@@ -141,7 +141,7 @@ class Road:
                     raise NoEquilibrium("lost")
                 return (np.arange(count + 1) / count)[:, None, None] ** 2 * road.mesh.points
 
-        patch.setattr(module, "Path", Path)
+        patch.setattr(module, "solve", solve)
         patch.setattr(module, "Reduced", Model)
         patch.setattr(module, "time", SimpleNamespace(process_time=lambda: self.now))
         for name in ("between", "interpolate"):
@@ -168,13 +168,13 @@ def test_the_reference_follows_every_step_at_the_solvers_tolerance(case, monkeyp
     assert road.asked == [step / 8 for step in range(1, 9)] and road.scene.steps.count == 8
     np.testing.assert_allclose(found.path, (np.arange(9) / 8)[:, None, None] ** 2 * case.mesh.points)
     assert (found.seconds, found.set_up, found.iterations, found.one_step) == (16.0, 7.0, 24, None)
-    assert road.way.newton.tolerance == module.TOLERANCE
+    assert road.tolerance == module.TOLERANCE
 
 
 def test_elements_are_made_cheaper_in_each_way_at_hand(case, monkeypatch):
     road = Road(monkeypatch)
     found = elements("FE, b", halvings=1, fewer=3, tolerance=0.125, law="neo-hookean").predict(case)
-    assert road.scene.body.divisions == (2, 2, 2) and road.scene.material.law == "neo-hookean" and road.way.newton.tolerance == 0.125
+    assert road.scene.body.divisions == (2, 2, 2) and road.scene.material.law == "neo-hookean" and road.tolerance == 0.125
     assert road.asked == pytest.approx([1 / 3, 2 / 3, 1])  # 8 / 3 is nearest to 3
     share = np.interp(np.arange(9) / 8, [0, 1 / 3, 2 / 3, 1], [0, 1 / 9, 4 / 9, 1])
     # on the nodes of the case's own mesh, which a field that is linear in the place meets exactly

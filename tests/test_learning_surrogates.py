@@ -11,7 +11,7 @@ from learning.prediction import surrogates as module
 from learning.prediction.predictor import Case, LeftOut
 from learning.prediction.surrogates import corrected, corrected_rollout, estimated, learned
 from learning.samples.estimate import Estimate
-from physics.equilibrium.newton import NoEquilibrium
+from physics.equilibrium.state import NoEquilibrium
 from tests.synthetic import bending
 
 MODEL = SimpleNamespace(config=TrainConfig())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from physics.equilibrium.newton import NoEquilibrium
+from physics.equilibrium.state import NoEquilibrium
 from physics.fidelity.correct import Corrector
 from physics.solution import solve
 from tests.scenes import beam, pressed

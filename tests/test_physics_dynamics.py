@@ -13,7 +13,7 @@ import fidelity
 from datagen.files.trajectory import write_trajectory
 from datagen.sets.check import against_scene
 from datagen.sets.generate import trajectory_of
-from physics.equilibrium import journal
+from physics import journal
 from physics.equilibrium.balance import cell_size
 from physics.mesh.build import build_mesh
 from physics.modes.elastic import elastic_modes

@@ -7,8 +7,8 @@ import pytest
 import scipy.sparse
 
 from physics.body.elasticity import Elasticity
-from physics.equilibrium.extrapolation import HALVINGS
-from physics.equilibrium.newton import TOLERANCE, NoEquilibrium, State
+from physics.equilibrium.newton import TOLERANCE
+from physics.equilibrium.state import HALVINGS, NoEquilibrium, State
 from physics.mesh.build import build_mesh
 from physics.motion import dynamics
 from physics.motion.dynamics import Motion, Moving

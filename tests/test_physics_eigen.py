@@ -8,8 +8,10 @@ import scipy.linalg
 import scipy.sparse
 from petsc4py import PETSc
 
-from physics.linalg import eigen
-from physics.linalg.eigen import Problem, clusters, lowest_pairs
+from physics.linalg.eigen import direct, lowest
+from physics.linalg.eigen import pairs as eigen
+from physics.linalg.eigen.lowest import lowest_pairs
+from physics.linalg.eigen.pairs import Problem, clusters
 
 EPS = np.finfo(float).eps
 
@@ -79,7 +81,7 @@ def test_held_unknowns_play_no_part(method):
 
 
 def test_the_way_is_chosen_by_the_number_of_free_unknowns_and_the_dimension(monkeypatch):
-    monkeypatch.setattr(eigen, "DIRECT", {2: 29, 3: 30})
+    monkeypatch.setattr(lowest, "DIRECT", {2: 29, 3: 30})
     K, M = spd(33, 0)
     free = np.arange(33) > 2
     solid, plane = (lowest_pairs(problem(K, M, free=free, dimension=dimension), 2).solver for dimension in (3, 2))
@@ -183,13 +185,13 @@ def test_multigrid_finds_what_a_factor_finds(zeros):
 
 def test_zeros_are_below_ten_times_the_noise_or_a_small_share_of_the_scale():
     values = np.array([-9e-9, 2e-9, 9.9e-9, 1.1e-8, 0.5])
-    is_zero, reference = eigen._zeros(values, 1e-9, 2.0, False)
+    is_zero, reference = eigen.which_are_zero(values, 1e-9, 2.0, False)
     assert is_zero.tolist() == [True, True, True, False, False] and reference == 1.1e-8
-    is_zero, reference = eigen._zeros(values, 1e-9, -3.0, True)  # 3e-8 is more than 1e-8, ten times the noise
+    is_zero, reference = eigen.which_are_zero(values, 1e-9, -3.0, True)  # 3e-8 is more than 1e-8, ten times the noise
     assert is_zero.tolist() == [True, True, True, True, False] and reference == 0.5
-    assert eigen._zeros(values, 1e-9, -0.5, True)[0].tolist() == [True, True, True, False, False]
-    assert eigen._zeros(np.array([3.0, np.nan, 0.0]), 0.0, 1.0, False)[0].tolist() == [False, True, True]
-    assert eigen._zeros(np.zeros(2), 1e-9, -3.0, True)[1] == 3.0
+    assert eigen.which_are_zero(values, 1e-9, -0.5, True)[0].tolist() == [True, True, True, False, False]
+    assert eigen.which_are_zero(np.array([3.0, np.nan, 0.0]), 0.0, 1.0, False)[0].tolist() == [False, True, True]
+    assert eigen.which_are_zero(np.zeros(2), 1e-9, -3.0, True)[1] == 3.0
 
 
 def test_residuals_are_what_is_missing_over_scale_and_inertia():
@@ -199,11 +201,11 @@ def test_residuals_are_what_is_missing_over_scale_and_inertia():
     rows = [PETSc.Vec().createWithArray(row.copy(), comm=PETSc.COMM_SELF) for row in vectors]
     expected = [np.linalg.norm(K @ x - value * M @ x) / (scale * np.linalg.norm(M @ x))
                 for x, value, scale in zip(vectors, values, scales, strict=True)]
-    assert eigen._residuals(petsc(K), petsc(M), values, rows, scales) == pytest.approx(expected, rel=1e-12)
-    wide = eigen._extended(petsc(K))(vectors[0].astype(np.longdouble))
+    assert eigen.residuals_of(petsc(K), petsc(M), values, rows, scales) == pytest.approx(expected, rel=1e-12)
+    wide = direct._extended(petsc(K))(vectors[0].astype(np.longdouble))
     assert wide.dtype == np.longdouble and wide.astype(float) == pytest.approx(K @ vectors[0], rel=1e-14)
     K = np.diag([2.0, 9.0, 8.0])
-    assert eigen._largest(petsc(K), petsc(np.diag([1.0, 3.0, 2.0]))) == 4.0
+    assert eigen.largest(petsc(K), petsc(np.diag([1.0, 3.0, 2.0]))) == 4.0
 
 
 def test_clusters_are_runs_of_neighbours_and_the_zeros_one_of_their_own():

@@ -8,9 +8,8 @@ import pytest
 
 from physics.equilibrium import path as equilibrium
 from physics.equilibrium.balance import Balance, cells_said, contact_said
-from physics.equilibrium.extrapolation import HALVINGS, best_order, extrapolate
-from physics.equilibrium.newton import NoEquilibrium, State
-from physics.equilibrium.path import Path
+from physics.equilibrium.path import LoadPath
+from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, best_order, extrapolate
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from physics.solution import identity, snapped, solve
@@ -25,7 +24,7 @@ def bent(**changes):
 
 
 def path_of(scene):
-    return Path(scene, build_mesh(scene.body))
+    return LoadPath(scene, build_mesh(scene.body))
 
 
 def state(fraction, u, **more):
@@ -203,7 +202,7 @@ def test_a_path_that_failed_says_at_which_step_and_keeps_those_before(monkeypatc
             raise NoEquilibrium("of no use")
         return self._append(State(fraction, np.full_like(self.states[-1].u, 1e-4), self.states[-1].pressure))
 
-    monkeypatch.setattr(Path, "advance", fail)
+    monkeypatch.setattr(LoadPath, "advance", fail)
     solution = solve(bent())
     assert solution.failure == "no equilibrium at step 3: of no use" and len(solution.displacement) == 3
 

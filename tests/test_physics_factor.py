@@ -5,8 +5,9 @@ import pytest
 
 from physics.equilibrium.balance import Balance
 from physics.equilibrium.mixing import Mixing
+from physics.linalg.cholesky import BandFactor, DissectionFactor, NotPositiveDefinite, narrowest_order
 from physics.linalg.dissection import dissect
-from physics.linalg.factor import BandFactor, DissectionFactor, NotPositiveDefinite, SparseFactor, narrowest_order
+from physics.linalg.indefinite import SparseFactor
 from physics.mesh.build import build_mesh
 from tests.scenes import beam
 

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from physics.equilibrium.balance import Balance
-from physics.linalg import factor
-from physics.linalg.factor import BandFactor, DissectionFactor, NotPositiveDefinite, SparseFactor, factor_for, narrowest_order, solver_for
+from physics.linalg import cholesky
+from physics.linalg.cholesky import BandFactor, DissectionFactor, NotPositiveDefinite, narrowest_order
+from physics.linalg.dissection import dissect
+from physics.linalg.factor import factor_for, solver_for
+from physics.linalg.indefinite import SparseFactor
 from physics.linalg.multigrid import Multigrid
 from physics.mesh.build import build_mesh
 from tests import dense
@@ -126,17 +129,17 @@ def test_what_is_tried_are_three_numberings(monkeypatch):
 def test_a_body_gets_a_band_a_dissection_or_multigrid_by_size(monkeypatch):
     body = elasticity()
     band = narrowest_order(body)[1]
-    assert factor.WIDEST_BAND == 300 and factor.MOST_NUMBERS == 500_000_000
+    assert cholesky.WIDEST_BAND == 300 and cholesky.MOST_NUMBERS == 500_000_000
     assert isinstance(solver_for(body), BandFactor) and f"a half-bandwidth of {band}, at most 300" in solver_for(body).name
-    monkeypatch.setattr(factor, "WIDEST_BAND", band)
+    monkeypatch.setattr(cholesky, "WIDEST_BAND", band)
     assert isinstance(solver_for(body), BandFactor)
-    monkeypatch.setattr(factor, "WIDEST_BAND", band - 1)
+    monkeypatch.setattr(cholesky, "WIDEST_BAND", band - 1)
     found = solver_for(body)
-    numbers = factor.dissect(body.mesh.points, body.cells).numbers
+    numbers = dissect(body.mesh.points, body.cells).numbers
     assert isinstance(found, DissectionFactor) and f"{8e-9 * numbers:.2g} GB, at most 4 GB" in found.name
-    monkeypatch.setattr(factor, "MOST_NUMBERS", numbers)
+    monkeypatch.setattr(cholesky, "MOST_NUMBERS", numbers)
     assert isinstance(solver_for(body), DissectionFactor)
-    monkeypatch.setattr(factor, "MOST_NUMBERS", numbers - 1)
+    monkeypatch.setattr(cholesky, "MOST_NUMBERS", numbers - 1)
     found = solver_for(body)
     assert isinstance(found, Multigrid) and f"for a factor would take {8 * numbers / 1e9:.2g} GB, more than" in found.name
     assert isinstance(solver_for(body, method="direct"), DissectionFactor) and isinstance(factor_for(body), DissectionFactor)
@@ -152,7 +155,7 @@ def test_a_factor_is_worth_as_many_steps_as_its_operations_over_thirty_for_each_
     assert BandFactor(body, place, band).worth == 8
     for wider, worth in ((290, 10), (300, 10), (320, 11)):
         assert BandFactor(body, place, wider).worth == worth
-    found = factor.dissect(body.mesh.points, body.cells)
+    found = dissect(body.mesh.points, body.cells)
     assert DissectionFactor(body, replace(found, operations=25 * 30.0 * found.numbers)).worth == 25
     assert DissectionFactor(body).worth == 8
 

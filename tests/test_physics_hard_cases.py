@@ -8,7 +8,7 @@ import pytest
 from physics.contact.conditions import ContactSurface
 from physics.contact.obstacles import Rigid
 from physics.equilibrium import balance
-from physics.equilibrium.path import Path
+from physics.equilibrium.path import LoadPath
 from physics.mesh.build import build_mesh
 from physics.solution import solve
 from tests.hard_cases import CASES, SLOW, bridge, roughness
@@ -40,7 +40,7 @@ def test_a_snap_is_said_and_loses_energy():
 def test_both_regions_of_contact_carry_their_share():
     """By symmetry half of the force each, nothing between them, and together the reaction."""
     scene = bridge()
-    path = Path(scene, build_mesh(scene.body))
+    path = LoadPath(scene, build_mesh(scene.body))
     for step in range(1, 21):
         state = path.advance(step / 20)
     x = path.balance.contact.surface.positions(path.balance.mesh.points)[:, 0]

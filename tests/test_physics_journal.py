@@ -2,12 +2,13 @@
 
 import itertools
 import zlib
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from physics.equilibrium import journal
-from physics.equilibrium.journal import Journal
+from physics import journal
+from physics.journal import Journal, flatten, unflatten
 from physics.schema import InputError, WorkError
 
 
@@ -56,8 +57,8 @@ def test_the_file_is_what_its_description_says(tmp_path):
     """Magic; then blocks: length in 8 bytes, CRC-32 in 4, little end first, and an .npz; the first holds the identity."""
     written(tmp_path / "part", 2)
     data = (tmp_path / "part").read_bytes()
-    assert data.startswith(b"fidelity journal 1\n")
-    at, names = len(b"fidelity journal 1\n"), []
+    assert data.startswith(b"fidelity journal 2\n")
+    at, names = len(b"fidelity journal 2\n"), []
     while at < len(data):
         size, check = int.from_bytes(data[at:at + 8], "little"), int.from_bytes(data[at + 8:at + 12], "little")
         block = data[at + 12:at + 12 + size]
@@ -227,3 +228,29 @@ def test_a_disk_that_is_full_is_said_with_the_file(tmp_path):
 
 def test_between_two_blocks_a_kill_costs_a_second_and_memories_may_take_50_megabytes():
     assert (journal.EVERY, journal.WASTE) == (1.0, 50e6)
+
+
+@dataclass(frozen=True)
+class Inner:
+    u: np.ndarray
+    count: int
+
+
+@dataclass(frozen=True)
+class Outer:
+    word: str
+    one: Inner
+    other: Inner | None
+    more: np.ndarray | None
+    share: float
+
+
+@pytest.mark.parametrize("other, more", [(None, None), (Inner(np.zeros((0, 3)), 0), np.arange(3))])
+def test_nested_memories_are_arrays_by_name_and_come_back(other, more):
+    given = Outer("a.b", Inner(np.array([[0.1, 2.0]]), 7), other, more, 1 / 3)
+    arrays = flatten(given)
+    assert ("other.u" in arrays) == ("more" in arrays) == (other is not None) and arrays["one.u"] is given.one.u
+    found = unflatten(Outer, arrays | {"seconds": np.array(1.0)})
+    assert (found.word, found.share, found.one.count, type(found.one.count)) == ("a.b", 1 / 3, 7, int)
+    assert np.array_equal(found.one.u, given.one.u) and (found.other is None) == (other is None) and np.array_equal(found.more, more)
+    assert other is None or (found.other.u.shape == (0, 3) and found.other.count == 0)

@@ -8,7 +8,7 @@ import pytest
 
 from datagen.sets.check import against_scene
 from datagen.sets.generate import trajectory_of
-from physics.equilibrium import journal
+from physics import journal
 from physics.equilibrium import small_strain as linear
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE
 from physics.motion.inertia import FAIR, fair_duration, inertia

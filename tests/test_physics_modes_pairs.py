@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from physics.linalg.eigen import Pairs
+from physics.linalg.eigen.pairs import Pairs
 from physics.mesh.build import build_mesh
 from physics.modes.elastic import _first_bending, _rigid_motions, amplitudes, elastic_modes, elastic_problem, remarks
 from physics.modes.laplacian import laplacian_modes

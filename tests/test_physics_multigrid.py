@@ -13,7 +13,7 @@ import pytest
 from datagen.files.trajectory import read_trajectory
 from physics.equilibrium.balance import Balance, cell_size
 from physics.equilibrium.newton import TOLERANCE
-from physics.linalg import factor
+from physics.linalg import cholesky
 from physics.linalg.factor import factor_for, solver_for
 from physics.linalg.multigrid import Multigrid, NotSolved
 from physics.mesh.build import build_mesh
@@ -68,7 +68,7 @@ def test_a_body_too_large_for_a_factor_is_iterated_and_that_is_said(monkeypatch)
     scene = beam(body={"length": 0.03, "width": 0.02, "height": 0.02, "cells": [12, 10, 10]})
     elasticity = Balance(scene, build_mesh(scene.body)).elasticity
     assert "nested dissection" in solver_for(elasticity).name
-    monkeypatch.setattr(factor, "MOST_NUMBERS", 100_000)
+    monkeypatch.setattr(cholesky, "MOST_NUMBERS", 100_000)
     assert "a factor would take" in solver_for(elasticity).name and "0.0008 GB" in solver_for(elasticity).name
 
 

@@ -43,8 +43,7 @@ def test_the_matrix_is_the_stiffness(body):
             force = np.where(body.fixed, 0, np.eye(body.fixed.size)[column].reshape(-1, 3))
             expected = np.linalg.solve(K, force.ravel()).reshape(-1, 3)
             assert solver.solve(force) == pytest.approx(expected, abs=1e-7 * abs(expected).max())
-    assert (solver.name, solver.negative, solver.worth, len(solver.learned)) == (
-        "none: conjugate gradients with algebraic multigrid, ", 0, 0, 0)
+    assert solver.name == "none: conjugate gradients with algebraic multigrid, "
 
 
 def test_a_step_without_contact_is_solved_to_a_thousandth_of_the_force(body):

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from physics.equilibrium.balance import Balance
-from physics.equilibrium.newton import ITERATIONS, TOLERANCE, Newton, NoEquilibrium, State
+from physics.equilibrium.newton import ITERATIONS, TOLERANCE, Newton
+from physics.equilibrium.stability import Watch
+from physics.equilibrium.state import NoEquilibrium, State
 from physics.mesh.build import build_mesh
 from tests import dense
 from tests.scenes import beam
@@ -29,8 +31,8 @@ def rest(found):
 def scripted(found, states, *, factors=None):
     """Steps do nothing, and the states after them are said to be so far off: (residual, gap error)."""
     states = iter(states)
-    found._refactor = lambda u: (factors is not None and factors.append(u.copy()), setattr(found, "_stale", False),
-                                 setattr(found, "_excess", 0))
+    found._refactor = lambda u: (factors is not None and factors.append(u.copy()), setattr(found.tangent, "stale", False),
+                                 setattr(found.tangent, "excess", 0))
     found._step = lambda force, touch: np.zeros_like(force)
 
     def judge(fraction, u, force, touch, pressure, iteration):
@@ -73,10 +75,10 @@ def test_it_is_given_up_when_it_is_ten_times_as_far_off_as_before_or_not_a_numbe
 def test_a_factor_is_kept_until_the_steps_beyond_the_first_ones_outweigh_a_new_one(monkeypatch):
     """Three steps with the new factor; worth 8: 2 + 3 + 3 beyond is as much, one more is too many. Fewer steps save nothing."""
     found, factors, counts = newton(), [], iter([3, 5, 2, 6, 6, 4, 7, 9, 20, 1, 8])
-    found.factor.worth = 8
-    found._refactor = lambda u: (factors.append(u.copy()), setattr(found, "_stale", False), setattr(found, "_excess", 0))
+    found.tangent.solver.worth = 8
+    found._refactor = lambda u: (factors.append(u.copy()), setattr(found.tangent, "stale", False), setattr(found.tangent, "excess", 0))
     found._newton = lambda fraction, start, last, renew=False: State(fraction, start, last.pressure, iterations=next(counts))
-    found._watch = lambda state, stride: None
+    found._look = lambda state, stride: None
     made, last = [], rest(found)
     for step in range(11):
         start = np.full_like(last.u, step + 1.0)
@@ -94,9 +96,9 @@ def test_a_factor_is_kept_until_the_steps_beyond_the_first_ones_outweigh_a_new_o
 
 def test_a_worn_factor_that_leads_nowhere_is_renewed_and_then_at_each_iterate():
     found, factors, seen, last = newton(), [], [], None
-    found._refactor = lambda u: (factors.append(1), setattr(found, "_stale", False))
-    found._watch = lambda state, stride: seen.append(("watch", state.iterations, stride))
-    last, found._stale = State(0.25, np.ones_like(rest(found).u), np.zeros(0)), False
+    found._refactor = lambda u: (factors.append(1), setattr(found.tangent, "stale", False))
+    found._look = lambda state, stride: seen.append(("watch", state.iterations, stride))
+    last, found.tangent.stale = State(0.25, np.ones_like(rest(found).u), np.zeros(0)), False
     fails = {"old": True, "new": True}
 
     def solve(fraction, start, last, renew=False):
@@ -108,13 +110,13 @@ def test_a_worn_factor_that_leads_nowhere_is_renewed_and_then_at_each_iterate():
 
     found._newton = solve
     found.equilibrium(0.75, last.u, last)
-    assert seen == ["old", "new", "each", ("watch", 4, 0.5)] and len(factors) == 1 and found._fresh == 4
-    fails["new"], found._stale = False, True
+    assert seen == ["old", "new", "each", ("watch", 4, 0.5)] and len(factors) == 1 and found.tangent.fresh == 4
+    fails["new"], found.tangent.stale = False, True
     seen.clear()
     found.equilibrium(0.75, last.u, last)
     assert seen == ["new", ("watch", 4, 0.5)]
     fails |= {"new": True, "each": True}
-    found._stale = True
+    found.tangent.stale = True
     with pytest.raises(NoEquilibrium, match="each"):
         found.equilibrium(0.75, last.u, last)
 
@@ -124,7 +126,7 @@ def test_too_old_a_factor_still_gives_the_same_answer(worth):
     """The factor of the rest state, or a new one for every step: the same bent beam to the tolerance, by the dense equations."""
     found = newton(load=[{"where": "x-max", "traction": [0.0, 2e3, -8e3]}])
     balance, last = found.balance, rest(found)
-    found.factor.worth, found._trusted = worth, 1e9  # and no looks at stability
+    found.tangent.solver.worth, found._watch = worth, Watch(trusted=1e9)  # and no looks at stability
     for fraction in np.arange(1, 9) / 8:
         last = found.equilibrium(float(fraction), last.u, last)
         assert last.residual <= 1e-6
@@ -158,7 +160,7 @@ def test_looks_at_stability_come_when_three_tenths_of_the_softest_stiffness_coul
     found._refactor = lambda u: factors.append(u.copy())
     found._softest_mode = lambda: softest.pop(0)
     checked = []
-    found._check_stable = lambda touch: checked.append(found._giving)
+    found._check_stable = lambda touch, look: checked.append(int(look))
     u = np.ones_like(rest(found).u)
     rows = [
         (0.01, [10.0, 10.0], 0.02),  # no loss: twice as much as from the last look
@@ -172,30 +174,30 @@ def test_looks_at_stability_come_when_three_tenths_of_the_softest_stiffness_coul
     for i, (stride, finds, trusted) in enumerate(rows):
         softest[:] = finds or []
         before = len(factors)
-        found._stale, found._giving = True, 0
-        found._watch(State(0.5, u, np.zeros(0)), stride)
+        found.tangent.stale, found.tangent.giving = True, 0
+        found._look(State(0.5, u, np.zeros(0)), stride)
         assert len(factors) - before == (0 if finds is None else 1 + (i == 0)) and not softest
-        assert found._trusted == pytest.approx(trusted, rel=1e-12)
-        assert found._unseen == pytest.approx(0.015 if i == 1 else 0.014 if i == 6 else 0.0)
-        assert found._stale == (finds is None) and len(checked) == sum(row[1] is not None for row in rows[:i + 1])
+        assert found._watch.trusted == pytest.approx(trusted, rel=1e-12)
+        assert found._watch.unseen == pytest.approx(0.015 if i == 1 else 0.014 if i == 6 else 0.0)
+        assert found.tangent.stale == (finds is None) and len(checked) == sum(row[1] is not None for row in rows[:i + 1])
     assert not factors[0].any() and all((at == 1).all() for at in factors[1:]) and set(checked) == {1}
     linear = newton(material={"law": "linear", "young_modulus": 1e6, "poisson_ratio": 0.4})
     linear._refactor = lambda u: pytest.fail("a linear body is as stable as it was")
-    linear._watch(State(0.5, u, np.zeros(0)), 1.0)
+    linear._look(State(0.5, u, np.zeros(0)), 1.0)
 
 
 def test_an_unstable_state_that_is_found_leaves_the_factor_stale():
     found = newton()
-    found._refactor = lambda u: setattr(found, "_stale", False)
+    found._refactor = lambda u: setattr(found.tangent, "stale", False)
     found._softest_mode = lambda: 1.0
 
-    def unstable(touch):
+    def unstable(touch, look):
         raise NoEquilibrium("unstable")
 
     found._check_stable = unstable
     with pytest.raises(NoEquilibrium):
-        found._watch(rest(found), 1.0)
-    assert found._stale
+        found._look(rest(found), 1.0)
+    assert found.tangent.stale
 
 
 @pytest.mark.parametrize("giving, held, stable", [(0, 0, True), (1, 0, False), (1, 1, True), (2, 1, False), (2, 2, True)])
@@ -207,23 +209,23 @@ def test_contact_must_hold_every_direction_in_which_the_body_would_give_way(givi
     class Given:
         negative = giving
 
-    found.factor, found._giving = Given(), giving
+    found.tangent.solver, found.tangent.giving = Given(), giving
     signs = np.where(np.arange(len(touch.gap)) < held, -1.0, 1.0)
 
     class Found:
         matrix = np.diag(signs)
 
-    found._condense = lambda *_: Found()
+    found.tangent._condense = lambda *_: Found()
     if stable:
         found._check_stable(touch)
     else:
         with pytest.raises(NoEquilibrium, match="the body is unstable"):
             found._check_stable(touch)
     if giving:  # contact without force holds nothing, and so does none
-        found._giving = giving
+        found.tangent.giving = giving
         with pytest.raises(NoEquilibrium):
             found._check_stable(replace(touch, pressure=0 * touch.pressure))
-        found._giving = giving
+        found.tangent.giving = giving
         with pytest.raises(NoEquilibrium):
             found._check_stable(None)
 
@@ -240,7 +242,7 @@ def test_held_components_are_led_and_the_body_follows_to_first_order():
     assert np.array_equal(led[balance.fixed], balance.target[balance.fixed])
     # The difference of forces is divided by the short way, 1e-4 of a cell: rounding of 1e-16 f becomes some 1e-11 f.
     assert balance.elasticity.force(led)[~balance.fixed] == pytest.approx(before, abs=1e-7 * abs(before).max())
-    found.factor.solve = lambda force: pytest.fail("too short a way to solve for")
+    found.tangent.solve = lambda force: pytest.fail("too short a way to solve for")
     short = 0.99e-6 * balance.size
     way = np.where(balance.fixed, short, 5.0)  # free components have no target
     assert np.array_equal(found.led(u, u + way), np.where(balance.fixed, u + short, u))

@@ -8,7 +8,9 @@ import scipy.optimize
 
 from physics.contact.touch import Touch
 from physics.equilibrium.balance import Balance
-from physics.equilibrium.newton import Newton, State
+from physics.equilibrium.newton import Newton, NewtonMemory
+from physics.equilibrium.state import State
+from physics.journal import flatten, unflatten
 from physics.linalg import multigrid
 from physics.linalg.factor import solver_for
 from physics.linalg.multigrid import Multigrid
@@ -62,7 +64,7 @@ def test_a_step_solves_the_linearised_equations_with_contact(method, monkeypatch
     if method is None:
         found._refactor(u)
     else:
-        found.factor.update(u)
+        found.tangent.solver.update(u)
         found.tolerance = 1e-12
         monkeypatch.setattr(multigrid, "FORCING", 1e-9)
     step = found._step(force, touch)
@@ -181,18 +183,19 @@ def test_what_is_remembered_makes_the_next_equilibrium_the_same_to_the_bit():
     last = State(0.0, np.zeros_like(first.balance.mesh.points), np.zeros(len(first.balance.contact.surface.area)))
     for fraction in (0.35, 0.55, 0.75):
         last = first.equilibrium(fraction, last.u, last)
-    memory = first.memory()
-    assert {"counts", "watch", "zone", "zone_centre", "factored_at", "learned", "learned_in"} <= set(memory)
-    assert {"mixing_u", "mixing_s", "mixing_p"} <= set(memory) or not first._mixing.differences
+    memory = flatten(first.memory())
+    tangent = {f"tangent.{name}" for name in ("made", "fresh", "excess", "factored_at", "learned", "learned_in")}
+    assert tangent | {"watch.softest", "watch.unseen", "watch.trusted", "zone.u", "zone.centre"} <= set(memory)
+    assert {"mixing.u", "mixing.step", "mixing.pressure"} <= set(memory) or not first._mixing.differences
     second = newton()
-    second.recall(memory)
-    again = second.memory()
+    second.recall(unflatten(NewtonMemory, memory))
+    again = flatten(second.memory())
     assert sorted(again) == sorted(memory)
     for name, array in memory.items():
         assert np.array_equal(again[name], array), name
     one, two = first.equilibrium(0.9, last.u, last), second.equilibrium(0.9, last.u, last)
     assert np.array_equal(one.u, two.u) and np.array_equal(one.pressure, two.pressure) and one.iterations == two.iterations
-    assert first.factorisations == second.factorisations and first._trusted == second._trusted
+    assert first.factorisations == second.factorisations and first._watch == second._watch
 
 
 def test_one_step_that_corrects_is_that_of_the_dense_equations():
@@ -214,9 +217,9 @@ def test_one_step_that_corrects_is_that_of_the_dense_equations():
 
 def test_a_multigrid_takes_the_stiffness_of_each_iterate():
     found, state = newton("multigrid"), bent()[1]
-    assert isinstance(found.factor, Multigrid) and not isinstance(solver_for(found.balance.elasticity), Multigrid)
+    assert isinstance(found.tangent.solver, Multigrid) and not isinstance(solver_for(found.balance.elasticity), Multigrid)
     last = State(0.0, np.zeros_like(state.u), np.zeros_like(state.pressure))
     for fraction in (0.35, 0.55, FRACTION):
         last = found.equilibrium(fraction, last.u, last)
     assert abs(last.u - state.u).max() < 1e-5 * abs(state.u).max() and last.residual <= 1e-6
-    assert found.factorisations == found.factor.set_ups >= 1
+    assert found.factorisations == found.tangent.solver.set_ups >= 1

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from physics.equilibrium.balance import Balance
-from physics.equilibrium.newton import Newton, NoEquilibrium, State
+from physics.equilibrium.newton import Newton
+from physics.equilibrium.stability import Watch
+from physics.equilibrium.state import NoEquilibrium, State
+from physics.journal import flatten
 from physics.mesh.build import build_mesh
 from tests import dense
 from tests.scenes import beam
@@ -55,7 +58,7 @@ def test_a_factor_serves_until_a_node_has_moved_by_0035_of_the_smallest_extent(c
     """20 mm: 0.7 mm, of the guess where it is corrected once, of the last state where more often."""
     found, factors = newton(), []
     found._step = lambda force, touch: 0 * force
-    found._refactor = lambda u: (factors.append(u), setattr(found, "_factored_at", u), setattr(found, "_stale", False))
+    found._refactor = lambda u: (factors.append(u), setattr(found.tangent, "factored_at", u), setattr(found.tangent, "stale", False))
     rest = np.zeros_like(found.balance.mesh.points)
 
     def moved(by):
@@ -80,18 +83,18 @@ def test_a_guess_that_would_buckle_is_corrected_with_the_factor_of_the_last_stat
     squeezed = np.where(found.balance.fixed, 0.0, -0.6 * found.balance.mesh.points * [0, 0, 1])
     rest = np.zeros_like(squeezed)
     found.improve(0.5, squeezed, state_at(found, rest), count=1)
-    assert found.factor is found._definite and not found._factored_at.any() and found.factorisations == 2
+    assert found.tangent.definite and not found.tangent.factored_at.any() and found.factorisations == 2
     again = newton()
     again._refactor(squeezed)
-    assert again.factor is again._general is not again._definite and again.factor.negative > 0
-    general = again._general
+    general = again.tangent.solver
+    assert not again.tangent.definite and general.negative > 0
     again._refactor(rest)
-    assert again.factor is again._definite
+    assert again.tangent.definite and again.tangent.solver is not general
     again._refactor(squeezed)
-    assert again.factor is general and again.factorisations == 3 and not again._stale
+    assert again.tangent.solver is general and again.factorisations == 3 and not again.tangent.stale
     with pytest.raises(NoEquilibrium):
         again._refactor(np.full_like(rest, np.nan))
-    assert again._stale
+    assert again.tangent.stale
 
 
 @pytest.mark.parametrize("residual, gap_error, taken", [
@@ -109,24 +112,26 @@ def test_they_end_at_an_equilibrium_or_when_there_are_no_more(residual, gap_erro
 def test_a_new_factor_forgets_the_steps_before_and_what_they_cost():
     found = newton()
     # Nothing known, and two steps taken for what a new factor needs.
-    assert [array.tolist() for array in found.memory().values()] == [[0, 2, 0], [0.0, 0.0, 0.0]]
-    found._excess, found._mixing.differences = 5, [(0, 0, 0)]
+    assert flatten(found.memory()) == {"tangent.made": 0, "tangent.fresh": 2, "tangent.excess": 0,
+                                       "watch.softest": 0.0, "watch.unseen": 0.0, "watch.trusted": 0.0}
+    found.tangent.excess, found._mixing.differences = 5, [(0, 0, 0)]
     at = noise(found, 1e-5)
     found._refactor(at)
-    assert (found._excess, found._mixing.differences, found._stale, found.factorisations) == (0, [], False, 1)
-    assert found._factored_at is at
-    assert set(found.memory()) == {"counts", "watch", "factored_at"}
-    found._excess, found._softest, found._unseen, found._trusted, found._fresh = 3, 7.0, 0.25, 0.5, 4
+    assert (found.tangent.excess, found._mixing.differences, found.tangent.stale, found.factorisations) == (0, [], False, 1)
+    assert found.tangent.factored_at is at
     memory = found.memory()
-    assert memory["counts"].tolist() == [1, 4, 3] and memory["watch"].tolist() == [7.0, 0.25, 0.5]
+    assert memory.tangent.factored_at is at and memory.tangent.learned is memory.zone is memory.mixing is None
+    found.tangent.excess, found._watch, found.tangent.fresh = 3, Watch(7.0, 0.25, 0.5), 4
+    memory = found.memory()
+    assert (memory.tangent.made, memory.tangent.fresh, memory.tangent.excess) == (1, 4, 3) and memory.watch == Watch(7.0, 0.25, 0.5)
     other = newton()
     other.recall(memory)
-    assert (other.factorisations, other._fresh, other._excess, other._stale) == (1, 4, 3, False)
+    assert (other.factorisations, other.tangent.fresh, other.tangent.excess, other.tangent.stale) == (1, 4, 3, False)
     found.outdate()
-    assert set(found.memory()) == {"counts", "watch"}
+    assert found.memory().tangent.factored_at is None
     other = newton()
     other.recall(found.memory())
-    assert other._stale and other.factorisations == 1
+    assert other.tangent.stale and other.factorisations == 1
 
 
 def test_what_is_polished_has_a_new_factor_at_each_step_and_is_looked_at():
@@ -140,6 +145,6 @@ def test_what_is_polished_has_a_new_factor_at_each_step_and_is_looked_at():
 
     found._newton = solve
     found._refactor = lambda u: seen.append(float(abs(u - 2 * at).max()))
-    found._check_stable = lambda touch: seen.append(found._giving)
+    found._check_stable = lambda touch, look: seen.append(int(look))
     assert found.polished(0.75, last).fraction == 0.75
     assert seen == [(0.75, True, True), 0.0, 1]

@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 
-from physics.equilibrium.newton import NoEquilibrium
+from physics.equilibrium.state import NoEquilibrium
 from physics.mesh.build import build_mesh
 from physics.reduced import model as reduced
 from physics.reduced.model import Reduced

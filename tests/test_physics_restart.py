@@ -15,7 +15,7 @@ import pytest
 
 import fidelity
 from datagen.files.trajectory import read_trajectory
-from physics.equilibrium import journal
+from physics import journal
 from physics.equilibrium.snap import Relaxation
 from physics.schema import InputError, WorkError
 from physics.solution import Solution, solve
@@ -51,7 +51,7 @@ def broken_off(scene, path, at):
 
 def assert_same(one, other):
     for field in fields(Solution):
-        if field.name not in ("mesh", "seconds", "resumed"):
+        if field.name not in ("mesh", "seconds", "set_up", "resumed"):
             assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
 
 
@@ -145,6 +145,14 @@ def test_another_scene_is_refused_and_nothing_is_touched(tmp_path, save_always, 
     assert part.read_text() == "something else"
 
 
+def test_a_looser_tolerance_takes_fewer_steps_and_does_not_go_on_with_a_stricter_path(tmp_path, save_always):
+    strict, loose = solve(pressed()), solve(pressed(), tolerance=1e-3)
+    assert loose.newton_iterations.sum() < strict.newton_iterations.sum() and 1e-6 < loose.relative_residual.max() <= 1e-3
+    broken_off(pressed(), tmp_path / "part", 3)
+    with pytest.raises(InputError, match="another scene"):
+        solve(pressed(), journal=tmp_path / "part", tolerance=1e-3)
+
+
 def test_two_runs_do_not_write_into_one_journal(tmp_path):
     def on_step(step):
         with pytest.raises(WorkError, match="another process"):
@@ -172,7 +180,7 @@ def test_after_a_failure_the_step_that_failed_is_tried_again(tmp_path, capsys):
 
 def start(scene, out, *, limit=0):
     """`fidelity simulate` in a process of its own that saves every step; limit [bytes] on the size of files, as a disk has."""
-    code = ("import sys, resource, fidelity; from physics.equilibrium import journal; journal.EVERY = 0.0\n"
+    code = ("import sys, resource, fidelity; from physics import journal; journal.EVERY = 0.0\n"
             f"if {limit}: resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))\n"
             "sys.exit(fidelity.main(sys.argv[1:]))")
     return subprocess.Popen([sys.executable, "-c", code, "simulate", scene, "--out", out], cwd=ROOT, stderr=subprocess.PIPE, text=True,

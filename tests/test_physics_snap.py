@@ -10,9 +10,9 @@ import scipy.sparse
 
 from physics.equilibrium import snap
 from physics.equilibrium.balance import Balance
-from physics.equilibrium.newton import NoEquilibrium, State
-from physics.equilibrium.path import Path
+from physics.equilibrium.path import LoadPath
 from physics.equilibrium.snap import Relaxation
+from physics.equilibrium.state import NoEquilibrium, State
 from physics.mesh.build import build_mesh
 from tests.scenes import arch, beam
 
@@ -183,7 +183,7 @@ def test_what_newton_finds_must_be_near():
 def snapped():
     """The arch's path up to its snap: what the relaxation was given, and what it gave."""
     scene, mesh, rise = arch()
-    path, told = Path(scene, mesh), []
+    path, told = LoadPath(scene, mesh), []
     real = Relaxation.settle
 
     def settle(self, fraction, last, newton):

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
-from physics.equilibrium.newton import TOLERANCE, NoEquilibrium
-from physics.equilibrium.path import Path
-from physics.mesh.build import build_mesh
+from physics.equilibrium.newton import TOLERANCE
+from physics.equilibrium.state import NoEquilibrium
 from physics.mesh.mesh import Mesh
 from physics.mesh.transfer import interpolate
 from physics.reduced.model import Reduced
 from physics.scene import Scene, Steps
+from physics.solution import solve
 
 Floats = NDArray[np.floating[Any]]
 REFERENCE = "FE, the reference"
@@ -124,19 +124,11 @@ def reduced(name: str, *, fewer: int = 1) -> Predictor:
 def follow(scene: Scene, tolerance: float = TOLERANCE) -> tuple[Mesh, Floats, float, float, int]:
     """The solver's path: its mesh, (T, N, 3), seconds of set-up and of stepping, and Newton steps. Raises `LeftOut`."""
     started = time.process_time()
-    mesh = build_mesh(scene.body)
-    way = Path(scene, mesh)
-    way.newton.tolerance = tolerance
-    set_up = time.process_time() - started
-    u, iterations = [way.states[0].u], 0
-    for step in range(1, scene.steps.count + 1):
-        try:
-            state = way.advance(step / scene.steps.count)
-        except NoEquilibrium as error:
-            raise LeftOut(f"there is no equilibrium at step {step}: {error}") from None
-        u.append(state.u)
-        iterations += state.iterations
-    return mesh, np.array(u), set_up, time.process_time() - started - set_up, iterations
+    found = solve(scene, tolerance=tolerance)
+    if found.failure:
+        raise LeftOut(f"there is {found.failure}")
+    seconds = time.process_time() - started - found.set_up
+    return found.mesh, found.displacement, found.set_up, seconds, int(found.newton_iterations.sum())
 
 
 def between(path: Floats, steps: int) -> Floats:

@@ -19,7 +19,7 @@ from learning.prediction.checkpoint import Model
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.prediction.rollout import predict_step, rollout
 from learning.samples.estimate import estimate
-from physics.equilibrium.newton import NoEquilibrium
+from physics.equilibrium.state import NoEquilibrium
 from physics.fidelity.correct import Corrector
 from physics.mesh.mesh import Mesh
 from physics.modes.elastic import elastic_modes

@@ -1,11 +1,12 @@
 """One equilibrium, and a path of them.
 
     balance         what balances what in a scene
-    small_strain    whether linear elasticity is enough
-    newton          one equilibrium, with a factor that is kept as long as it pays
+    state           what an equilibrium is, and where the next one is looked for
+    tangent         the linear algebra of a Newton step, contact included: a factor that is kept, or conjugate gradients
     mixing          Anderson acceleration of Newton steps with an old factor
+    stability       when it is time to look whether a state is stable
+    newton          one equilibrium
+    small_strain    whether linear elasticity is enough
     snap            where a path ends: the body moves to the next equilibrium
-    extrapolation   where the next equilibrium is looked for
-    journal         a path on disk, to go on from after a kill
     path            all of it, step by step
 """

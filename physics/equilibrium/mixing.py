@@ -14,12 +14,23 @@ Legend: N nodes, Q contact points.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
 WINDOW = 3  # differences that are kept; more gain nothing
+
+
+@dataclass(frozen=True)
+class MixingMemory:
+    """Differences of the last m steps: of displacements (m, N, 3), steps (m, N, 3) and contact forces (m, Q)."""
+
+    u: Floats
+    step: Floats
+    pressure: Floats
 
 
 class Mixing:
@@ -36,6 +47,15 @@ class Mixing:
     def begin(self) -> None:
         """Start another equilibrium with the same factor."""
         self._last: tuple[Floats, Floats, Floats] | None = None
+
+    def memory(self) -> MixingMemory | None:
+        return MixingMemory(*map(np.array, zip(*self.differences, strict=True))) if self.differences else None
+
+    def recall(self, memory: MixingMemory | None) -> None:
+        """Go on with the factor as the one whose memory this is."""
+        self.forget()
+        if memory is not None:
+            self.differences = list(zip(memory.u, memory.step, memory.pressure, strict=True))
 
     def next(self, u: Floats, step: Floats, pressure: Floats) -> tuple[Floats, Floats]:
         """Displacements (N, 3) and contact forces (Q,) after a step (N, 3) from u (N, 3) that found the forces (Q,)."""

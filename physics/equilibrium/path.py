@@ -1,8 +1,8 @@
 """Quasi-static path following: the equilibria of a body while loads, supports and a rigid obstacle advance.
 
 What balances what stands in balance.py, how one equilibrium is found in newton.py, when small strain is enough in small_strain.py.
-Inertia is left out: the loading is taken to be slow (motion/inertia.py). Each equilibrium starts from a polynomial through the last
-states, of the order that would have predicted the last one best. Before anything touches or loads the body nothing is solved.
+Inertia is left out: the loading is taken to be slow (motion/inertia.py). Each equilibrium has a warm start: a polynomial through the
+last states, of the order that would have predicted the last one best. Before anything touches or loads the body nothing is solved.
 
 A step without an equilibrium is taken in two halves, down to 2^-HALVINGS of a step; then the body is left to itself (snap.py).
 Where it does not come to rest the path ends with a clear failure that keeps what was solved before. A step in which the
@@ -13,31 +13,49 @@ Legend: N nodes, Q contact points.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physics.equilibrium.balance import Balance, cells_said, contact_said
-from physics.equilibrium.extrapolation import HALVINGS, best_order, extrapolate
-from physics.equilibrium.journal import Arrays
-from physics.equilibrium.newton import Newton, NoEquilibrium, State
-from physics.equilibrium.small_strain import LINEAR_TOLERANCE, choose
+from physics.equilibrium.newton import TOLERANCE, Newton, NewtonMemory
+from physics.equilibrium.small_strain import LINEAR_TOLERANCE, LinearMemory, choose
 from physics.equilibrium.snap import Relaxation
+from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, StatesMemory, best_order, extrapolate
+from physics.journal import Arrays
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
 
 Floats = NDArray[np.float64]
 
-class Path:
+
+@dataclass(frozen=True)
+class PathMemory:
+    """All that the rest of a path depends on."""
+
+    states: StatesMemory
+    order: int
+    halvings: int
+    linear_steps: int
+    kinematics: str
+    linear: LinearMemory | None  # while small strain is enough
+    newton: NewtonMemory
+
+
+class LoadPath:
     """The way through the equilibria of a scene."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, *, method: str | None = None, spread: bool = False) -> None:
-        """Args: method, spread: of the linear algebra, as in `factor.solver_for`."""
+    Memory = PathMemory
+
+    def __init__(self, scene: Scene, mesh: Mesh, *, tolerance: float = TOLERANCE, method: str | None = None, spread: bool = False) -> None:
+        """Args: tolerance: residual over reaction; method, spread: of the linear algebra, as in `factor.solver_for`."""
         self._finite = Balance(scene, mesh, method=method, spread=spread)
         self.linear, self.kinematics = choose(scene, mesh, self._finite)  # as long as small strain is enough, and why it is not
         self.linear_steps = 0
         self.newton = self.linear.newton if self.linear else Newton(self._finite)
+        self.newton.tolerance = tolerance
         self.balance = self.newton.balance
         contact = self.balance.contact
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(0 if contact is None else len(contact.surface.area)))]
@@ -73,7 +91,11 @@ class Path:
         assert self.linear is not None
         self.kinematics = (f"finite strain after {self.linear_steps} steps of linear elasticity, which in the next one would have been "
                            f"off by {self.linear.error:.1e} of the largest displacement, {LINEAR_TOLERANCE:g} is allowed")
-        self.linear, self.newton, self.balance = None, Newton(self._finite), self._finite
+        self._finite_from_here()
+
+    def _finite_from_here(self) -> None:
+        self.linear, self.balance = None, self._finite
+        self.newton = Newton(self._finite, tolerance=self.newton.tolerance)
 
     def frame(self) -> Arrays:
         """What is reported of the last state; each of the arrays is a row of one in `Solution`."""
@@ -86,25 +108,20 @@ class Path:
             "newton_iterations": state.iterations, "relative_residual": state.residual, "snap": snap, "released": released}
         return {name: np.asarray(value) for name, value in found.items()}
 
-    def memory(self) -> Arrays:
-        """All that the rest of the path depends on: what `recall` takes."""
-        kept = {name: np.array([getattr(state, name) for state in self.states]) for name in ("fraction", "u", "pressure")}
-        kept |= {name: np.array(getattr(self, name)) for name in ("order", "halvings", "linear_steps", "kinematics")}
-        if self.linear is not None:
-            kept |= self.linear.memory()
-        return kept | {f"newton_{name}": array for name, array in self.newton.memory().items()}
+    def memory(self) -> PathMemory:
+        """What `recall` takes."""
+        return PathMemory(StatesMemory.of(self.states), self.order, self.halvings, self.linear_steps, self.kinematics,
+                          None if self.linear is None else self.linear.memory(), self.newton.memory())
 
-    def recall(self, memory: Arrays) -> None:
+    def recall(self, memory: PathMemory) -> None:
         """Go on as the path whose memory this is would have, to the last bit."""
-        self.states = [State(float(fraction), u, pressure)
-                       for fraction, u, pressure in zip(memory["fraction"], memory["u"], memory["pressure"], strict=True)]
-        self.order, self.halvings, self.linear_steps = (int(memory[name]) for name in ("order", "halvings", "linear_steps"))
-        if self.linear is not None and "linear" not in memory:
-            self.linear, self.newton, self.balance = None, Newton(self._finite), self._finite
-        elif self.linear is not None:
-            self.linear.recall(memory)
-        self.kinematics = str(memory["kinematics"])
-        self.newton.recall({name.removeprefix("newton_"): array for name, array in memory.items() if name.startswith("newton_")})
+        self.states, self.order, self.halvings = memory.states.states(), memory.order, memory.halvings
+        self.linear_steps, self.kinematics = memory.linear_steps, memory.kinematics
+        if self.linear is not None and memory.linear is None:
+            self._finite_from_here()
+        elif self.linear is not None and memory.linear is not None:
+            self.linear.recall(memory.linear)
+        self.newton.recall(memory.newton)
 
     def _snap(self, fraction: float, error: NoEquilibrium) -> State:
         """The equilibrium that the body moves to when the path of the last one ends."""
@@ -123,7 +140,7 @@ class Path:
             kinematics = self.linear.said(self.states[-1].u)
         said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells_said(scene)}",
                 "contact": contact_said(scene)}
-        return said | {"factor": self.newton.factor.name}
+        return said | {"factor": self.newton.tangent.solver.name}
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""

@@ -13,17 +13,18 @@ Legend: N nodes.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
 from physics.equilibrium.balance import Balance
-from physics.equilibrium.newton import Newton, NoEquilibrium, State
-from physics.linalg.factor import NotPositiveDefinite, factor_for
+from physics.equilibrium.newton import Newton
+from physics.equilibrium.state import NoEquilibrium, State
+from physics.linalg.cholesky import NotPositiveDefinite
+from physics.linalg.factor import factor_for
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
 
@@ -33,6 +34,15 @@ LINEAR_TOLERANCE = 1e-4  # of the largest displacement: about a hundredth of wha
 DEEPEST = 1e-3  # an obstacle that reaches further into the body at rest, over its largest extent, turns or strains it by more
 LOOKS = 20  # places on the obstacle's path where that is looked at
 GROWTH, STEPS = 1.1, 10  # the error is estimated anew when the displacement has grown so much, or after so many steps
+
+
+@dataclass(frozen=True)
+class LinearMemory:
+    """The largest error so far, the largest displacement [m] that it was estimated for, and steps since."""
+
+    error: float
+    largest: float
+    since: int
 
 
 class Linear:
@@ -74,7 +84,7 @@ class Linear:
             return 0.0
         linear = balance.elasticity.force(u)
         missing = self.finite.force(u) - linear
-        correction = self.newton.factor.solve(missing)
+        correction = self.newton.tangent.solve(missing)
         change = (missing - balance.elasticity.force(correction))[balance.bearing].sum(axis=0)
         reaction = linear[balance.bearing]
         scale = max(np.linalg.norm(reaction.sum(axis=0)), 1e-3 * np.linalg.norm(reaction, axis=1).sum())
@@ -99,13 +109,12 @@ class Linear:
         return (f"small strain: linear elasticity is off by an estimated {self.error:.1e} of the largest displacement, "
                 f"{LINEAR_TOLERANCE:g} is allowed")
 
-    def memory(self) -> dict[str, NDArray[Any]]:
-        """What `recall` takes."""
-        return {"linear": np.array([self.error, self._largest, self._since])}
+    def memory(self) -> LinearMemory:
+        return LinearMemory(self.error, self._largest, self._since)
 
-    def recall(self, memory: dict[str, NDArray[Any]]) -> None:
+    def recall(self, memory: LinearMemory) -> None:
         """Go on as the one whose memory this is."""
-        self.error, self._largest, self._since = float(memory["linear"][0]), float(memory["linear"][1]), int(memory["linear"][2])
+        self.error, self._largest, self._since = memory.error, memory.largest, memory.since
 
 
 def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, str]:

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from physics.body.lumped import Lumped
 from physics.equilibrium.balance import Balance
-from physics.equilibrium.newton import NEAR, Newton, NoEquilibrium, State
-from physics.linalg.factor import NotPositiveDefinite
+from physics.equilibrium.newton import NEAR, Newton
+from physics.equilibrium.state import NoEquilibrium, State
 from physics.mesh.quality import cell_volumes
 
 Floats = NDArray[np.float64]
@@ -90,21 +90,13 @@ class Relaxation(Newton):
                 drag /= 2
         raise NoEquilibrium(f"left to itself the body does not come to rest in {STEPS} steps of relaxation")
 
-    def _refactor(self, u: Floats) -> None:
-        try:
-            self.factor.update(u)
-        except NotPositiveDefinite as error:
-            raise NoEquilibrium(str(error)) from None
-        if self.factor.negative:
-            raise NoEquilibrium("the drag is too small")
-
     def _euler(self, fraction: float, u: Floats, pressure: Floats, drag: float) -> tuple[Floats, Floats, float, float] | None:
         """Displacements, contact forces, the longest way of a node and the longest allowed [m]; None when the step is too long."""
         balance = self.balance
         self.body.added = drag
         touch = self._touch(fraction, u, pressure)
         try:
-            self._refactor(u)
+            self.tangent.renew(u, definite=True)
             move = self._step(balance.elasticity.force(u) - fraction * balance.load, touch)
         except NoEquilibrium:
             return None

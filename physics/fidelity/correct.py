@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.equilibrium.balance import Balance
-from physics.equilibrium.newton import Newton, State
+from physics.equilibrium.newton import Newton
+from physics.equilibrium.state import State
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
 

@@ -24,7 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from physics.body.stress import von_mises
 from physics.equilibrium.balance import Balance
-from physics.equilibrium.newton import Newton, NoEquilibrium
+from physics.equilibrium.newton import Newton
+from physics.equilibrium.state import NoEquilibrium
 from physics.mesh import quality
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene

@@ -4,7 +4,10 @@
     native       C++ compiled once and kept
     dissection   a numbering of little fill, and the multifrontal Cholesky factor (dissection.cpp)
     columns      what unit forces do, kept as long as a factor
-    factor       banded, dissected and general factors behind one interface
+    cholesky     banded and dissected factors of a positive definite stiffness
+    indefinite   MUMPS's factor of any
+    rows         what share of a stiffness a process has
     multigrid    conjugate gradients where a factor is too large
-    eigen        the lowest eigenpairs, by SLEPc
+    factor       which of all these a body gets, and what a factor can do
+    eigen/       the lowest eigenpairs, by SLEPc
 """

@@ -4,13 +4,13 @@ With contact forces p_q = -(g_q + G_q s) / c_q of the points A in contact, a New
 
     (K + G_A^T diag(1/c_A) G_A) s = -r - G_A^T diag(1/c_A) g_A
 
-and A is the set of the points where p_q > 0, found by solving again until it stays (the primal-dual active set of contact.py). Points of
-contact couple nodes of one facet only, so the sum has the sparsity of K. It is assembled anew at every step, for that costs little beside
-a solution. The preconditioner is smoothed aggregation (GAMG) for K alone, told the rigid motions that K hardly resists and set up again
-when the iterations it needs grow, between exact solutions at the nodes in contact.
+and A is the set of the points where p_q > 0, found by solving again until it stays (a primal-dual active set, as in
+contact/conditions.py). Points of contact couple nodes of one facet only, so the sum has the sparsity of K. It is assembled anew at
+every step, for that costs little beside a solution. The preconditioner is smoothed aggregation (GAMG) for K alone, told the rigid
+motions that K hardly resists and set up again when the iterations it needs grow, between exact solutions at the nodes in contact.
 
-Every process holds the whole body and all displacements; rows of the matrices and of the vectors are dealt out along the body's
-longest extent, so processes share the solution. Legend: N nodes, C cells, q points near the obstacle, n nodes behind them.
+Every process holds the whole body and all displacements; rows of the matrices and of the vectors are dealt out (rows.py), so
+processes share the solution. Legend: N nodes, q points near the obstacle, n nodes behind them.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from physics.linalg.rows import Rows
 from physics.linalg.stiffness import Stiffness
 
 Floats = NDArray[np.float64]
@@ -57,35 +58,22 @@ class Multigrid:
     """The linear algebra of a large body.
 
     Attributes:
-        name: what it is, and why; negative: eigenvalues below zero, of which conjugate gradients bear none
-        worth, learned: as of a factor; there is nothing to keep
+        name: what it is, and why
         iterations: of all solutions so far; set_ups: of the preconditioner
     """
-
-    negative = 0
-    worth = 0
-    learned: tuple[Integers, ...] = ()
 
     def __init__(self, elasticity: Stiffness, *, why: str, spread: bool = False) -> None:
         """Args: why this and no factor, in words; spread: over all processes of an MPI run."""
         self.elasticity, self.comm = elasticity, MPI.COMM_WORLD if spread else MPI.COMM_SELF
         self.name = f"none: conjugate gradients with algebraic multigrid{f' on {self.comm.size} processes' * (self.comm.size > 1)}, {why}"
         self.iterations, self.set_ups, self._fresh, self._worn = 0, 0, 0, True
-        points = elasticity.mesh.points
-        self._place = np.empty(len(points), np.int64)
-        self._place[np.lexsort(points.round(12)[:, np.argsort(np.ptp(points, axis=0))].T)] = np.arange(len(points))
-        self._unknown = 3 * self._place[:, None] + np.arange(3)  # (N, 3)
-        ends = np.arange(self.comm.size + 1) * len(points) // self.comm.size
-        self._first, self._last = (int(end) for end in ends[self.comm.rank:self.comm.rank + 2])
-        self._share = 3 * np.diff(ends)
-        self._lay_out()
+        self._rows = Rows(elasticity, self.comm)
+        self._stiffness = np.zeros(len(self._rows.indices) + 1)
         self._set_matrices()
 
     def update(self, u: Floats) -> None:
         """Assemble the stiffness at displacements (N, 3)."""
-        self._stiffness[:] = 0.0
-        for slot in self._slots:
-            self.elasticity.add_stiffness(u, slot, self._stiffness)
+        self._stiffness = self._rows.stiffness(u)
 
     def solve(self, force: Floats) -> Floats:
         """K^-1 f for nodal forces (N, 3) [N]: displacements (N, 3) [m], zero on held components. Raises `NotSolved`."""
@@ -124,16 +112,12 @@ class Multigrid:
 
     def _solve(self, right: Floats, nodes: Integers, contact: Floats, target: float) -> Floats:
         """(N, 3) with the stiffness, and that of contact (3 n, 3 n) on n nodes added, to a residual [N] or to `EXACT`."""
-        values = self._stiffness.copy()
-        self._add(nodes, contact, values)
-        values[self._held] = self._typical
-        self._matrix.setValuesCSR(self._indptr, self._indices, values[:-1])
-        self._matrix.assemble()
-        self._preconditioner.press(self._unknown[nodes].ravel(), self._dense(nodes, values))
-        ordered = np.empty(right.size)
-        ordered[self._unknown] = np.where(self.elasticity.fixed, 0.0, right)
+        rows, values = self._rows, self._stiffness.copy()
+        rows.add(nodes, contact, values)
+        self._fill(self._matrix, values)
+        self._preconditioner.press(rows.unknown[nodes].ravel(), rows.dense(nodes, values))
         b = self._matrix.createVecRight()
-        b.array[:] = ordered[3 * self._first:3 * self._last]
+        b.array[:] = rows.mine(right)
         target = max(target, EXACT * b.norm())
         for worn in dict.fromkeys((self._worn, True)):
             if worn:
@@ -144,8 +128,7 @@ class Multigrid:
                 self._fresh = taken
             self._worn = left is None or taken > WORN * self._fresh + 5
             if left is not None:
-                self.comm.Allgatherv(left.array, (ordered, self._share))
-                return ordered[self._unknown]
+                return rows.whole(left.array)
         raise NotSolved(f"conjugate gradients came to no solution in {taken} iterations")
 
     def _conjugate_gradients(self, right: PETSc.Vec, target: float) -> tuple[int, PETSc.Vec | None]:
@@ -173,12 +156,14 @@ class Multigrid:
             direction.aypx(product / before, better)
         return ITERATIONS, None
 
+    def _fill(self, matrix: PETSc.Mat, values: Floats) -> None:
+        values[self._rows.held] = self._typical
+        matrix.setValuesCSR(self._rows.indptr, self._rows.indices, values[:-1])
+        matrix.assemble()
+
     def _set_up(self) -> None:
         """The multigrid of the stiffness as it is now, without contact."""
-        values = self._stiffness.copy()
-        values[self._held] = self._typical
-        self._alone.setValuesCSR(self._indptr, self._indices, values[:-1])
-        self._alone.assemble()
+        self._fill(self._alone, self._stiffness.copy())
         self._multigrid.setOperators(self._alone)
         try:
             self._multigrid.setUp()
@@ -186,77 +171,16 @@ class Multigrid:
             raise NotSolved("the multigrid of the stiffness cannot be set up") from None
         self.set_ups += 1
 
-    def _lay_out(self) -> None:
-        """The sparsity of this process's rows, and where each entry of each of its cells goes; one place more is for the rest."""
-        nodes, block = len(self._place), self._place[self.elasticity.cells]  # (C, n)
-        own = np.repeat(((block >= self._first) & (block < self._last))[:, :, None], block.shape[1], axis=2)
-        key = block[:, :, None] * nodes + block[:, None, :]
-        self._pairs, inverse = np.unique(key[own], return_inverse=True)
-        row, column = np.divmod(self._pairs, nodes)
-        row -= self._first
-        width = np.bincount(row, minlength=self._last - self._first)
-        first = np.concatenate([[0], np.cumsum(width)])
-        # Entry (i, k) of the block of a pair stands in the i-th of the three rows of its node.
-        self._at, self._width = 9 * first[row] + 3 * (np.arange(len(row)) - first[row]), 3 * width[row]
-        entry = self._at[:, None, None] + self._width[:, None, None] * np.arange(3)[:, None] + np.arange(3)
-        self._indices = np.empty(9 * len(row), np.int32)
-        self._indices[entry] = 3 * column[:, None, None] + np.arange(3)
-        self._indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * width, 3))]).astype(np.int32)
-        self._stiffness = np.zeros(len(self._indices) + 1)
-        held = np.zeros(3 * nodes, bool)
-        held[self._unknown[self.elasticity.fixed]] = True
-        mine = np.flatnonzero(held[3 * self._first:3 * self._last])
-        diagonal = np.searchsorted(self._pairs, (mine // 3 + self._first) * (nodes + 1))
-        self._held = self._at[diagonal] + (self._width[diagonal] + 1) * (mine % 3)
-        pair = np.full(own.shape, -1)
-        pair[own] = inverse.ravel()
-        upper = self.elasticity.pairs(self._unknown)
-        self._slots = []
-        # The upper half of each cell's matrix is added twice, once to the entry and once to its mirror image.
-        for mirror in (False, True):
-            slot = np.full(upper[0].shape, len(self._indices), np.int32)
-            for j, (p, q) in enumerate(zip(*np.triu_indices(3 * block.shape[1]), strict=True)):
-                (a, i), (b, k) = (divmod(q, 3), divmod(p, 3)) if mirror else (divmod(p, 3), divmod(q, 3))
-                used = (pair[:, a, b] >= 0) & ~held[upper[0][:, j]] & ~held[upper[1][:, j]]
-                if not (mirror and p == q):
-                    at = pair[used, a, b]
-                    slot[used, j] = self._at[at] + self._width[at] * i + k
-            self._slots.append(slot)
-
-    def _blocks(self, nodes: Integers) -> tuple[Integers, Integers, Integers]:
-        """Which pairs (k,), (k,) of n nodes have entries in this process's rows, and where these are (k, 3, 3)."""
-        place = self._place[nodes]
-        rows = np.flatnonzero((place >= self._first) & (place < self._last))
-        key = place[rows][:, None] * len(self._place) + place
-        pair = np.minimum(np.searchsorted(self._pairs, key), len(self._pairs) - 1)
-        a, b = np.nonzero(self._pairs[pair] == key)
-        pair = pair[a, b]
-        return rows[a], b, self._at[pair][:, None, None] + self._width[pair][:, None, None] * np.arange(3)[:, None] + np.arange(3)
-
-    def _add(self, nodes: Integers, block: Floats, values: Floats) -> None:
-        """Add a matrix (3 n, 3 n) that couples n nodes of common cells to the rows of this process."""
-        a, b, at = self._blocks(nodes)
-        fixed = self.elasticity.fixed[nodes]
-        at[fixed[a][:, :, None] | fixed[b][:, None, :]] = len(values) - 1
-        values[at] += block.reshape(len(nodes), 3, len(nodes), 3)[a, :, b]
-
-    def _dense(self, nodes: Integers, values: Floats) -> Floats:
-        """(3 n, 3 n) the rows and columns of n nodes."""
-        dense = np.zeros((len(nodes), 3, len(nodes), 3))
-        a, b, at = self._blocks(nodes)
-        dense[a, :, b] = values[at]
-        self.comm.Allreduce(MPI.IN_PLACE, dense)
-        return dense.reshape(3 * len(nodes), 3 * len(nodes))
-
     def _set_matrices(self) -> None:
         """The matrices of the stiffness with contact and without, and the multigrid for the latter."""
-        size = (3 * (self._last - self._first), self._unknown.size)
+        rows = self._rows
+        size = (3 * (rows.last - rows.first), rows.unknown.size)
         matrices = []
         for _ in range(2):
             matrices.append(PETSc.Mat().create(self.comm))
             matrices[-1].setSizes((size, size), bsize=3)
             matrices[-1].setType("aij")
-            matrices[-1].setPreallocationCSR((self._indptr, self._indices))
+            matrices[-1].setPreallocationCSR((rows.indptr, rows.indices))
             matrices[-1].setOption(PETSc.Mat.Option.SPD, True)
         self._matrix, self._alone = matrices
         x = self.elasticity.mesh.points - self.elasticity.mesh.points.mean(axis=0)
@@ -264,10 +188,8 @@ class Multigrid:
         self._typical = self.elasticity.material.young_modulus * float(np.cbrt(np.prod(np.ptp(x, axis=0)) / len(x)))
         basis: list[PETSc.Vec] = []
         for motion in [np.broadcast_to(axis, x.shape) for axis in np.eye(3)] + [np.cross(axis, x) for axis in np.eye(3)]:
-            ordered = np.empty(motion.size)
-            ordered[self._unknown] = np.where(self.elasticity.fixed, 0.0, motion)
             vector = self._matrix.createVecRight()
-            vector.array[:] = ordered[3 * self._first:3 * self._last]
+            vector.array[:] = rows.mine(motion)
             for other in basis:
                 vector.axpy(-vector.dot(other), other)
             if vector.normalize() > 0:
@@ -276,7 +198,7 @@ class Multigrid:
         self._multigrid = PETSc.PC().create(self.comm)
         self._multigrid.setType(PETSc.PC.Type.GAMG)
         self._multigrid.setFromOptions()  # without which its defaults are not set
-        self._preconditioner = _WithContact(self._matrix, self._multigrid, self.comm, self._first)
+        self._preconditioner = _WithContact(self._matrix, self._multigrid, self.comm, rows.first)
 
 
 class _WithContact:

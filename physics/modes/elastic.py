@@ -33,7 +33,8 @@ from physics import fem
 from physics.body.elasticity import small_strain_stiffness
 from physics.body.material import lame
 from physics.body.supports import held, rigid_motions_left
-from physics.linalg.eigen import GOAL, Pairs, Problem, clusters, lowest_pairs
+from physics.linalg.eigen.lowest import lowest_pairs
+from physics.linalg.eigen.pairs import GOAL, Pairs, Problem, clusters
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, pieces
@@ -50,7 +51,7 @@ class Modes:
     mesh: Mesh
     eigenvalues: Floats  # (m,) [1/s2]
     shapes: Floats  # (m, N, 3) at the nodes of the mesh [1/sqrt(kg)], zero on held components
-    residuals: Floats  # (m,) |K phi - lambda M phi| / |lambda M phi|, see eigen.py for rigid modes
+    residuals: Floats  # (m,) |K phi - lambda M phi| / |lambda M phi|, see eigen/pairs.py for rigid modes
     participation: Floats  # (m, 3) [sqrt(kg)]
     free_mass: Floats  # (3,) [kg] mass free to move along x, y and z: the sum of all effective masses
     dofs: int  # free components

@@ -20,7 +20,8 @@ import ufl
 from numpy.typing import NDArray
 
 from physics import fem
-from physics.linalg.eigen import Problem, clusters, lowest_pairs
+from physics.linalg.eigen.lowest import lowest_pairs
+from physics.linalg.eigen.pairs import Problem, clusters
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, Parts, closure, kind_of, pieces, rows_in
@@ -38,7 +39,7 @@ class LaplacianModes:
     mesh: Mesh
     eigenvalues: Floats  # (m,) [1/m2]
     shapes: Floats  # (m, N) at the nodes of the mesh
-    residuals: Floats  # (m,) |K phi - lambda M phi| / |lambda M phi|, see eigen.py for zeros
+    residuals: Floats  # (m,) |K phi - lambda M phi| / |lambda M phi|, see eigen/pairs.py for zeros
     dirichlet: tuple[str, ...]  # where phi = 0
     dofs: int
     constant: int  # modes at zero among these

@@ -23,7 +23,7 @@ Legend: N nodes, Q contact points.
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,9 +33,9 @@ from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
 from physics.body.supports import traction_load
 from physics.equilibrium.balance import Balance, cells_said, contact_said
-from physics.equilibrium.extrapolation import HALVINGS, best_order, extrapolate
-from physics.equilibrium.journal import Arrays
-from physics.equilibrium.newton import TOLERANCE, Newton, NoEquilibrium, State
+from physics.equilibrium.newton import TOLERANCE, Newton, NewtonMemory
+from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, StatesMemory, best_order, extrapolate
+from physics.journal import Arrays
 from physics.mesh.cell import GAUSS
 from physics.mesh.mesh import Mesh
 from physics.motion.impact import Sweeping, bear
@@ -68,12 +68,26 @@ class Moving(Lumped):
         return inner - self.outer + self.node_mass * (2 / self.h**2 * (way - self.h * self.velocity))
 
 
-class Motion:
-    """The way of a scene through time; what `equilibrium.Path` is for equilibria."""
+@dataclass(frozen=True)
+class MotionMemory:
+    """All that the rest of a motion depends on; see `Motion`."""
 
+    states: StatesMemory
+    velocity: Floats  # (N, 3) [m/s]
+    order: int
+    halvings: int
+    factored_h: float  # [s]
+    largest: float  # [N]
+    newton: NewtonMemory
+
+
+class Motion:
+    """The way of a scene through time; what `equilibrium.path.LoadPath` is for equilibria."""
+
+    Memory = MotionMemory
     linear_steps = 0
 
-    def __init__(self, scene: Scene, mesh: Mesh) -> None:
+    def __init__(self, scene: Scene, mesh: Mesh, *, tolerance: float = TOLERANCE) -> None:
         rest = Balance(scene, mesh)
         assert scene.steps.duration is not None
         self.duration, self.body, self.fixed = scene.steps.duration, rest.body, rest.fixed
@@ -86,7 +100,7 @@ class Motion:
         self.balance.elasticity = self.moving = Moving(rest.body)
         self.balance.load = np.zeros_like(rest.load)  # the loads are among the forces of the step
         self.balance.contact = None if rest.contact is None else Sweeping(rest.contact)
-        self.newton = Newton(self.balance)
+        self.newton = Newton(self.balance, tolerance=tolerance)
         self.newton.round_obstacle = False  # mean normals turn less than those at the end
         points = 0 if rest.contact is None else len(rest.contact.surface.area)
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(points))]
@@ -175,7 +189,7 @@ class Motion:
         said = {"kinematics": "small strain, as the linear law has it" if scene.material.law == "linear" else "finite strain: in motion",
                 "material": f"{scene.material.law}; {cells_said(scene)}"}
         lasting = "; what a surface layer of nodes loses when it is struck is gone, and contact makes no energy"
-        return said | {"contact": contact_said(scene) + lasting * (scene.obstacle is not None), "factor": self.newton.factor.name}
+        return said | {"contact": contact_said(scene) + lasting * (scene.obstacle is not None), "factor": self.newton.tangent.solver.name}
 
     def frame(self) -> Arrays:
         """What is reported of the last state; each of the arrays is a row of one in `equilibrium.Solution`."""
@@ -186,19 +200,14 @@ class Motion:
             "kinetic_energy": self.kinetic_energy, "snap": 0.0, "released": 0.0}
         return {name: np.asarray(value) for name, value in found.items()}
 
-    def memory(self) -> Arrays:
-        """All that the rest of the motion depends on: what `recall` takes."""
-        kept = {name: np.array([getattr(state, name) for state in self.states]) for name in ("fraction", "u", "pressure")}
-        kept |= {"velocity": self.velocity, "counts": np.array([self.order, self.halvings]),
-                 "scales": np.array([self._factored_h, self._largest])}
-        return kept | {f"newton_{name}": array for name, array in self.newton.memory().items()}
+    def memory(self) -> MotionMemory:
+        """What `recall` takes."""
+        return MotionMemory(StatesMemory.of(self.states), self.velocity, self.order, self.halvings, self._factored_h, self._largest,
+                            self.newton.memory())
 
-    def recall(self, memory: Arrays) -> None:
+    def recall(self, memory: MotionMemory) -> None:
         """Go on as the motion whose memory this is would have, to the last bit."""
-        self.states = [State(float(fraction), u, pressure)
-                       for fraction, u, pressure in zip(memory["fraction"], memory["u"], memory["pressure"], strict=True)]
-        self.velocity = memory["velocity"]
-        self.order, self.halvings = (int(count) for count in memory["counts"])
-        self._factored_h, self._largest = (float(scale) for scale in memory["scales"])
+        self.states, self.velocity, self.order, self.halvings = memory.states.states(), memory.velocity, memory.order, memory.halvings
+        self._factored_h, self._largest = memory.factored_h, memory.largest
         self.moving.h, self.moving.added = self._factored_h, 2 / self._factored_h**2 if self._factored_h else 0.0
-        self.newton.recall({name.removeprefix("newton_"): array for name, array in memory.items() if name.startswith("newton_")})
+        self.newton.recall(memory.newton)

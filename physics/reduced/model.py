@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from physics.contact.conditions import Zone, solve_complementarity
 from physics.equilibrium.balance import Balance
-from physics.equilibrium.extrapolation import HALVINGS
-from physics.equilibrium.newton import NEAR, REACH, NoEquilibrium
+from physics.equilibrium.newton import NEAR, REACH
+from physics.equilibrium.state import HALVINGS, NoEquilibrium
 from physics.linalg.factor import factor_for
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene

@@ -15,8 +15,10 @@ import os
 import time
 import zipfile
 import zlib
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +27,33 @@ from physics.schema import InputError, WorkError
 
 EVERY = 1.0  # [s] between two blocks: what a kill may cost
 WASTE = 50_000_000  # bytes
-MAGIC = b"fidelity journal 1\n"
+MAGIC = b"fidelity journal 2\n"  # another number: what the solver remembers has other names
 
 Arrays = dict[str, NDArray[Any]]
+
+
+def flatten(memory: Any, before: str = "") -> Arrays:
+    """The leaves of nested dataclasses as arrays by name, "newton.zone.u"; what is None has none."""
+    found: Arrays = {}
+    for each in fields(memory):
+        value, name = getattr(memory, each.name), before + each.name
+        if is_dataclass(value):
+            found |= flatten(value, name + ".")
+        elif value is not None:
+            found[name] = np.asarray(value)
+    return found
+
+
+def unflatten(kind: type[Any], arrays: Arrays, before: str = "") -> Any:
+    """The nested dataclasses of a kind that `flatten` made these arrays of, "X | None" for what may be None; other names are left alone."""
+    values: dict[str, Any] = {}
+    for name, hint in get_type_hints(kind).items():
+        place, inner = before + name, get_args(hint)[0] if NoneType in get_args(hint) else hint
+        if any(other.startswith(place + ".") for other in arrays):
+            values[name] = unflatten(inner, arrays, place + ".")
+        elif place in arrays:
+            values[name] = inner(arrays[place].item()) if inner in (int, float, str) else arrays[place]
+    return kind(**dict.fromkeys(get_type_hints(kind)) | values)
 
 
 class Journal:

@@ -1,0 +1,62 @@
+"""What an equilibrium is, what is kept of the last ones, and where the next one is looked for: on a polynomial through them.
+
+Legend: N nodes, Q contact points, S states.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+HALVINGS = 6  # of a step whose end cannot be reached at once
+
+
+class NoEquilibrium(RuntimeError):
+    """No equilibrium was found; the message says where, how far off, and what was tried."""
+
+
+@dataclass
+class State:
+    """One equilibrium: a fraction of the loading, displacements (N, 3) and contact forces (Q,)."""
+
+    fraction: float
+    u: Floats
+    pressure: Floats
+    reaction: Floats = field(default_factory=lambda: np.zeros(3))
+    iterations: int = 0
+    residual: float = 0.0  # free components, over the reaction
+    gap_error: float = 0.0  # [m] how far contact is from its conditions
+    penetration: float = 0.0  # [m]
+
+
+@dataclass(frozen=True)
+class StatesMemory:
+    """What the rest of a path depends on of its last states: fractions (S,), displacements (S, N, 3), contact forces (S, Q)."""
+
+    fraction: Floats
+    u: Floats
+    pressure: Floats
+
+    @classmethod
+    def of(cls, states: list[State]) -> StatesMemory:
+        return cls(*(np.array([getattr(state, name) for state in states]) for name in ("fraction", "u", "pressure")))
+
+    def states(self) -> list[State]:
+        return [State(float(fraction), u, pressure) for fraction, u, pressure in zip(self.fraction, self.u, self.pressure, strict=True)]
+
+
+def extrapolate(states: list[State], fraction: float) -> Floats:
+    """Displacements (N, 3) of the polynomial through some states (Lagrange's form), at another fraction."""
+    at = [state.fraction for state in states]
+    weights = [np.prod([(fraction - t) / (s - t) for t in at if t != s]) for s in at]
+    return sum((weight * state.u for weight, state in zip(weights, states, strict=True)), np.zeros_like(states[0].u))
+
+
+def best_order(states: list[State], state: State) -> int:
+    """The order, up to three, of the polynomial through the last states that would have foreseen the next one best."""
+    errors = [np.linalg.norm(extrapolate(states[-1 - order:], state.fraction) - state.u) for order in range(min(4, len(states)))]
+    return int(np.argmin(errors))

@@ -1,0 +1,196 @@
+"""Cholesky factors K = L L^T of a positive definite stiffness, assembled in place.
+
+A beam whose nodes are numbered along its axis has a stiffness of narrow band b: LAPACK's banded Cholesky then needs n b^2
+operations and each solve passes twice through n b numbers. Where the band is wider the factor is that of a nested dissection
+(dissection.py).
+
+Contact asks what unit forces E at some nodes do. With Y = L^-1 E (columns.py), which is kept as long as the factor, one solve with
+contact forces in it is one with L and one with L^T:
+
+    L y = f,   displacements at the nodes Y^T y,   L^T u = y + Y p
+
+Legend: N nodes, n = 3 N unknowns, C cells.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from physics.linalg.columns import Columns
+from physics.linalg.dissection import Dissection, Panels, dissect, slots
+from physics.linalg.stiffness import Stiffness
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+MOST_NUMBERS = 500_000_000  # in a factor: 4 GB
+WIDEST_BAND = 300  # past this nested dissection is faster: for beams of some 5 k nodes
+OPERATIONS = 30  # for each number of a factor that a Newton step has time for
+
+
+class NotPositiveDefinite(ArithmeticError):
+    """The stiffness has no Cholesky factor: the state is unstable, or not a state at all."""
+
+
+def narrowest_order(elasticity: Stiffness) -> tuple[Integers, int]:
+    """(N,) the place of each node in the numbering of narrowest band, and the half bandwidth b of the unknowns.
+
+    Tried are the mesh's own numbering, along its longest extent, and reverse Cuthill-McKee's.
+    """
+    mesh = elasticity.mesh
+    count, cells = len(mesh.points), elasticity.cells
+    extent = np.ptp(mesh.points, axis=0)
+    along = np.lexsort(mesh.points.round(12)[:, np.argsort(extent)].T)
+    ends = mesh.edges.T
+    graph = scipy.sparse.csr_matrix((np.ones(len(mesh.edges)), (ends[0], ends[1])), shape=(count, count))
+    candidates = [np.arange(count), along, reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True)]
+    places = []
+    for sequence in candidates:
+        place = np.empty(count, np.int64)
+        place[sequence] = np.arange(count)
+        places.append(place)
+    bands = [int(3 * np.ptp(place[cells], axis=1).max() + 2) for place in places]
+    best = int(np.argmin(bands))
+    return places[best], bands[best]
+
+
+class _Cholesky:
+    """What all factors L L^T have in common."""
+
+    name = ""
+    negative = 0
+
+    def __init__(self, elasticity: Stiffness, place: Integers, worth: float) -> None:
+        """Args: place (N,) of each node in the order of elimination."""
+        self.elasticity, self.worth = elasticity, max(8, round(worth))
+        self._unknown = 3 * place[:, None] + np.arange(3)  # (N, 3)
+        self._columns = Columns(self._halves)
+
+    def _forward(self, y: Floats) -> Floats:
+        """L^-1 y in place, y (3 N,)."""
+        raise NotImplementedError
+
+    def _backward(self, y: Floats) -> Floats:
+        """L^-T y in place, y (3 N,)."""
+        raise NotImplementedError
+
+    def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
+        """L^-1 of unit forces on n nodes: rows (r,) outside of which it is zero, and (r, 3 n)."""
+        raise NotImplementedError
+
+    @property
+    def learned(self) -> list[Integers]:
+        return self._columns.groups
+
+    def learn(self, nodes: Integers) -> None:
+        self._columns.learn(nodes)
+
+    def compliance(self, nodes: Integers) -> Floats:
+        columns = self._columns.of(nodes)
+        return self._columns.compliance[np.ix_(columns, columns)]
+
+    def begin(self, force: Floats) -> Floats:
+        y = np.empty(force.size)
+        y[self._unknown] = np.where(self.elasticity.fixed, 0.0, force)
+        return self._forward(y)
+
+    def at(self, begun: Floats, nodes: Integers) -> Floats:
+        columns = self._columns.of(nodes)
+        return (self._columns.half.T @ begun[self._columns.rows])[columns].reshape(-1, 3)
+
+    def finish(self, begun: Floats, nodes: Integers | None = None, push: Floats | None = None) -> Floats:
+        y = begun.copy()
+        if nodes is not None and push is not None and push.any():
+            columns = self._columns.of(nodes)
+            forces = np.zeros(self._columns.half.shape[1])
+            forces[columns] = push.ravel()
+            y[self._columns.rows] += self._columns.half @ forces
+        return self._backward(y)[self._unknown]
+
+    def solve(self, force: Floats) -> Floats:
+        return self._backward(self.begin(force))[self._unknown]
+
+
+class BandFactor(_Cholesky):
+    """LAPACK's banded Cholesky factor, assembled in place."""
+
+    def __init__(self, elasticity: Stiffness, place: Integers, band: int) -> None:
+        super().__init__(elasticity, place, band / OPERATIONS)
+        self.band, self.name = band, f"banded Cholesky (LAPACK): a half-bandwidth of {band}, at most {WIDEST_BAND}"
+        size = elasticity.mesh.points.size
+        row, column = elasticity.pairs(self._unknown)
+        # Column after column of the lower band; what is held goes to one last place.
+        slot = np.minimum(row, column) * (band + 1) + abs(row - column)
+        held = np.zeros(size, bool)
+        held[self._unknown[elasticity.fixed]] = True
+        slot[held[row] | held[column]] = size * (band + 1)
+        self._slot = np.ascontiguousarray(slot, np.int32)
+        self._held = np.flatnonzero(held) * (band + 1)
+        self._storage = np.empty(size * (band + 1) + 1)
+        self._factor: Floats = np.empty((band + 1, 0))
+
+    def update(self, u: Floats) -> None:
+        self._columns.clear()
+        self._storage[:] = 0.0
+        self.elasticity.add_stiffness(u, self._slot, self._storage)
+        self._storage[self._held] = 1.0
+        matrix = self._storage[:-1].reshape(-1, self.band + 1).T  # (b + 1, n)
+        self._factor, info = lapack.dpbtrf(matrix, lower=1, overwrite_ab=1)
+        if info or not np.isfinite(self._storage).all():
+            raise NotPositiveDefinite(f"the stiffness is not positive definite at unknown {info}")
+
+    def _forward(self, y: Floats) -> Floats:
+        return lapack.dtbtrs(self._factor, y, uplo="L", overwrite_b=1)[0].ravel()
+
+    def _backward(self, y: Floats) -> Floats:
+        return lapack.dtbtrs(self._factor, y, uplo="L", trans="T", overwrite_b=1)[0].ravel()
+
+    def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
+        unknown = self._unknown[nodes].ravel()
+        start = int(unknown.min())
+        right = np.zeros((self._unknown.size - start, len(unknown)), order="F")
+        right[unknown - start, np.arange(len(unknown))] = ~self.elasticity.fixed[nodes].ravel()
+        half = lapack.dtbtrs(self._factor[:, start:], right, uplo="L", overwrite_b=1)[0]
+        return np.arange(start, self._unknown.size), half
+
+
+class DissectionFactor(_Cholesky):
+    """The factor of a nested dissection, assembled in place."""
+
+    def __init__(self, elasticity: Stiffness, dissection: Dissection | None = None) -> None:
+        """Args: dissection of the mesh, if there is one already."""
+        dissection = dissection or dissect(elasticity.mesh.points, elasticity.cells)
+        self.name = f"sparse Cholesky by nested dissection: {8e-9 * dissection.numbers:.2g} GB, at most {8e-9 * MOST_NUMBERS:.2g} GB"
+        super().__init__(elasticity, dissection.place, dissection.operations / dissection.numbers / OPERATIONS)
+        self._panels = Panels(dissection)
+        free = np.zeros(self._unknown.size, bool)
+        free[self._unknown] = ~elasticity.fixed
+        rows, columns = elasticity.pairs(self._unknown)
+        self._slot = np.empty(rows.shape, np.int32)
+        for slot, row, column in zip(self._slot.T, rows.T, columns.T, strict=True):
+            slot[:] = np.where(free[row] & free[column], slots(dissection, row, column), dissection.numbers)
+        held = np.flatnonzero(~free)
+        self._held = slots(dissection, held, held)
+
+    def update(self, u: Floats) -> None:
+        self._columns.clear()
+        values = self._panels.values
+        values[:] = 0.0
+        self.elasticity.add_stiffness(u, self._slot, values)
+        values[-1] = 0.0
+        values[self._held] = 1.0
+        if not self._panels.factor() or not np.isfinite(values.sum()):
+            raise NotPositiveDefinite("the stiffness is not positive definite")
+
+    def _forward(self, y: Floats) -> Floats:
+        self._panels.forward(y.reshape(-1, 3, 1))
+        return y
+
+    def _backward(self, y: Floats) -> Floats:
+        return self._panels.backward(y)
+
+    def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
+        return self._panels.columns(self._unknown[nodes], ~self.elasticity.fixed[nodes])
