@@ -74,7 +74,8 @@ def test_what_is_no_checkpoint_of_this_program_is_refused(tmp_path):
     save_file({"a": torch.zeros(1)}, path)
     with pytest.raises(InputError, match="checkpoint schema None, this program reads 1$"):
         read_checkpoint(path)
-    for about, said in (({"schema": 2}, "checkpoint schema 2, this program reads 1$"), ({"schema": 1}, "not a whole checkpoint: .*normaliser")):
+    for about, said in (({"schema": 2}, "checkpoint schema 2, this program reads 1$"),
+                        ({"schema": 1}, "not a whole checkpoint: .*normaliser")):
         save_file({"a": torch.zeros(1)}, path, {"about": json.dumps(about)})
         with pytest.raises(InputError, match=said):
             read_checkpoint(path)

@@ -95,8 +95,8 @@ def test_shape_functions_sum_to_1_and_follow_linear_fields(name, at, seed):
 
 
 @FINDING
-@given(st.sampled_from(["prism", "tetrahedron", "hexahedron"]), st.sampled_from(["beam", "plate"]), length, length, length, stretch, stretch,
-       stretch)
+@given(st.sampled_from(["prism", "tetrahedron", "hexahedron"]), st.sampled_from(["beam", "plate"]), length, length, length,
+       stretch, stretch, stretch)
 def test_the_cells_of_a_box_fill_it_once(cell, shape, x, y, z, i, j, k):
     mesh = build_mesh(Body(shape=shape, length=x, width=y, height=z, cells=(i, j, k), cell=cell))
     volumes = cell_volumes(mesh.points, mesh.cells, cell)
