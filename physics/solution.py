@@ -12,6 +12,7 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,6 @@ class Solution:
     reaction: Floats  # (T, 3) [N] force of the body on the obstacle; without one, on the supports that move, or on all
     energy: Floats  # (T,) [J]
     penetration: Floats  # (T,) [m]
-    smallest_det_f: Floats  # (T,)
     newton_iterations: NDArray[np.int64]  # (T,)
     relative_residual: Floats  # (T,) |residual| / |reaction|
     snap: Floats  # (T,) [m] the farthest that a node moved in this step without equilibria between (snap.py)
@@ -54,6 +54,11 @@ class Solution:
     linear_steps: int = 0  # the first ones, which solve linear elasticity
     resumed: int = 0  # steps that an earlier, unfinished run had reached
     failure: str = ""  # empty when every step was reached
+
+    @cached_property
+    def smallest_det_f(self) -> Floats:
+        """(T,) smallest det F of all cells, as in `mesh.quality.det_f`."""
+        return smallest_det_f(self.mesh.points, self.displacement, self.mesh.cells, self.mesh.cell)
 
 
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
@@ -108,7 +113,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
             kept.close()
     rows = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
     return Solution(
-        mesh=mesh, **rows, smallest_det_f=smallest_det_f(mesh.points, rows["displacement"], mesh.cells, mesh.cell),
+        mesh=mesh, **rows,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
         model=path.model() | snapped(rows["snap"]),
         seconds=spent + time.perf_counter() - started, set_up=set_up, resumed=resumed, failure=failure)
