@@ -1,13 +1,14 @@
 """Small wrongs put into the code at random, one at a time: how many do the nearest tests see?
 
     .venv/bin/pip install cosmic-ray==8.7.0
-    .venv/bin/python benchmarks/mutation.py --seed 0 --count 300 --workers 2 --out mutants.json
+    .venv/bin/python benchmarks/mutation.py --seed 0 1 --count 300 --workers 2 --out mutants.jsonl
     .venv/bin/python benchmarks/mutation.py --seed 0 --count 20 physics/equilibrium/newton.py physics/equilibrium/balance.py
 
 The wrongs are cosmic-ray's: another arithmetic or comparing operator, a number one more or less, `not`, and/or, True/False,
 break/continue, no sign, a loop without turns, no decorator, another exception. Drawn are places, all equally likely, and then one
-wrong for each; left out are annotations and the words of messages (`raise` statements and strings), which no test should hold, and
-what cosmic-ray cannot write. The tests nearest to a module are the test files named after it and the four that import it and the
+wrong for each; left out are annotations and protocols, the words of messages (`raise` statements and strings), which no test should
+hold, assertions and what else guards the code against itself (zip's strict, dataclasses' frozen), `is` in place of ==, and what
+cosmic-ray cannot write. The tests nearest to a module are the test files named after it and the four that import it and the
 least beside it; where there are neither, those of the modules that import it. Each test file has to pass before; one that does not
 is left out and said.
 
@@ -31,7 +32,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -44,6 +45,7 @@ from cosmic_ray.operators.provider import OperatorProvider
 from tqdm import tqdm
 
 PACKAGES = ("physics", "datagen", "learning")
+GUARDS = ("strict", "frozen", "kw_only")  # arguments by which code guards itself, like its assertions
 NEAR, BUDGET = 4, 60.0  # test files, and seconds of them, beside those named after the module
 SETTINGS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg", "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow",
             "PYTHONNOUSERSITE": "1", "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "HWLOC_HIDE_ERRORS": "2",
@@ -73,7 +75,7 @@ def places(path: Path) -> dict[tuple[int, int, str], list[tuple[str, int]]]:
     silent = list(_silent(ast.parse(source)))
     tree, operators, found = get_ast(source), OperatorProvider(), {}
     for name in sorted(operators):
-        if name == "NoOp" or name.startswith("Variable"):
+        if name == "NoOp" or name.startswith("Variable") or name.endswith(("Eq_Is", "NotEq_IsNot")):  # for constants the same
             continue
         operator, occurrence = operators[name](), 0
         kind = name.rsplit("_", 2)[0]  # of ReplaceBinaryOperator_Add_Sub: ReplaceBinaryOperator
@@ -88,11 +90,15 @@ def places(path: Path) -> dict[tuple[int, int, str], list[tuple[str, int]]]:
 def _silent(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """From where to where a module says things that change nothing: annotations, raised messages, strings."""
     for node in ast.walk(tree):
-        parts: list[ast.AST | None] = [node] if isinstance(node, ast.Raise | ast.JoinedStr) else []
+        parts: list[ast.AST | None] = [node] if isinstance(node, ast.Raise | ast.JoinedStr | ast.Assert) else []
         if isinstance(node, ast.AnnAssign | ast.arg):
             parts = [node.annotation]
         elif isinstance(node, ast.FunctionDef):
             parts = [node.returns]
+        elif isinstance(node, ast.keyword) and node.arg in GUARDS:
+            parts = [node.value]
+        elif isinstance(node, ast.ClassDef) and any(isinstance(base, ast.Name) and base.id == "Protocol" for base in node.bases):
+            parts = [node]
         elif isinstance(node, ast.Assign) and isinstance(node.value, ast.BinOp) and isinstance(node.value.op, ast.BitOr):
             parts = [node]  # a name for a type, A | B
         for part in parts:
@@ -150,7 +156,7 @@ def nearest(root: Path) -> dict[str, list[list[str]]]:
     for module in modules:
         parts = Path(module.removesuffix("/__init__.py")).with_suffix("").parts
         stems = {f"test_{parts[0]}_{parts[-1]}", "test_" + "_".join(parts)}
-        named = [test for test in taken if any(Path(test).stem == stem or Path(test).stem.startswith(stem + "_") for stem in stems)]
+        named = _named(stems, taken) or _named({f"test_{parts[0]}_{part}" for part in parts[1:-1]}, taken)  # or after its room
         importing = [test for test in taken if module in taken[test] and test not in named]
         found[module] = [named, sorted(importing, key=lambda test: len(taken[test]))[:NEAR]]
     for module, (named, importing) in list(found.items()):
@@ -158,6 +164,10 @@ def nearest(root: Path) -> dict[str, list[list[str]]]:
             upper = sorted({test for upper in modules if module in above[upper] for group in found[upper] for test in group})
             found[module] = [[], sorted(upper, key=lambda test: len(taken[test]))[:NEAR]]
     return found
+
+
+def _named(stems: set[str], tests: Iterable[str]) -> list[str]:
+    return [test for test in tests if any(Path(test).stem == stem or Path(test).stem.startswith(stem + "_") for stem in stems)]
 
 
 def preload() -> None:
@@ -252,11 +262,11 @@ class Worker:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("modules", nargs="*", help="paths of modules; all of physics, datagen and learning where none is given")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, nargs="+", default=[0])
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--least", type=float, default=90.0, help="per cent that have to be killed")
-    parser.add_argument("--out", type=Path, help="a JSON file for all verdicts")
+    parser.add_argument("--out", type=Path, help="a file for the verdicts as they come, a line of JSON each")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.serve:
@@ -265,8 +275,8 @@ def main() -> None:
     root = Path.cwd()
     near = nearest(root)
     modules = options.modules or list(near)
-    wrongs = draw(root, modules, options.count, options.seed)
-    wanted = sorted({test for wrong in wrongs for group in near[wrong.module] for test in group})
+    wrongs = [(seed, wrong) for seed in options.seed for wrong in draw(root, modules, options.count, seed)]
+    wanted = sorted({test for _, wrong in wrongs for group in near[wrong.module] for test in group})
     with tempfile.TemporaryDirectory(prefix="mutation-") as folder:
         workers: Queue[Worker] = Queue()
         for number in range(options.workers):
@@ -298,25 +308,30 @@ def main() -> None:
                         sum_ += usual[test][1]
                 return chosen
 
-            def judged(wrong: Wrong) -> Verdict:
-                tests = tests_of(wrong.module)
+            def judged(drawn: tuple[int, Wrong]) -> Verdict:
+                tests = tests_of(drawn[1].module)
                 limit = max(60.0, 4 * sum(usual[test][1] for test in tests))
-                return with_worker(lambda worker: worker.judge(wrong, tests, limit))
+                verdict = with_worker(lambda worker: worker.judge(drawn[1], tests, limit))
+                if options.out:
+                    with options.out.open("a") as file:
+                        file.write(json.dumps({"seed": drawn[0], **asdict(verdict)}) + "\n")
+                return verdict
 
             verdicts = list(tqdm(pool.map(judged, wrongs), desc="wrongs", total=len(wrongs), disable=None))
         while not workers.empty():
             worker = workers.get()
             worker.process.stdin.close()
             worker.process.wait()
-    killed = sum(verdict.killed for verdict in verdicts)
     for verdict in sorted(verdicts, key=lambda verdict: (verdict.wrong.module, verdict.wrong.line)):
         if not verdict.killed:
             print(f"\n{verdict.wrong.module}:{verdict.wrong.line} {verdict.wrong.operator} survives\n{verdict.wrong.change}")
-    percent = 100 * killed / max(len(verdicts), 1)
-    print(f"\nseed {options.seed}: {killed} of {len(verdicts)} killed, {percent:.1f} %")
-    if options.out:
-        options.out.write_text(json.dumps([asdict(verdict) for verdict in verdicts], indent=1))
-    sys.exit(percent < options.least)
+    print()
+    shares = []
+    for seed in options.seed:
+        own = [verdict.killed for (of, _), verdict in zip(wrongs, verdicts, strict=True) if of == seed]
+        shares.append(100 * sum(own) / max(len(own), 1))
+        print(f"seed {seed}: {sum(own)} of {len(own)} killed, {shares[-1]:.1f} %")
+    sys.exit(min(shares) < options.least)
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ def modal_analysis(text: str) -> None:
     # f = (1.8751 / L)^2 sqrt(E I / rho A) / 2 pi with L = 0.1 m, E = 1e6 Pa, rho = 1000 kg/m3, I / A = 0.02^2 / 12 m2
     first, second = (numbers(rf"\n +{i} +NUMBER +NUMBER +NUMBER\n", text) for i in (1, 2))
     assert first[1] == second[1] == pytest.approx(10.217, abs=1.1e-3)
-    assert first[0] == pytest.approx(10.049, rel=0.03) and first[2] < 1e-8  # converged, of tests/test_physics_modes.py; 6 cells across
+    assert first[0] == pytest.approx(10.049, rel=0.03) and first[2] < 1e-8  # converged value; 6 cells across
     assert numbers(r"\{'prism': NUMBER, 'hexahedron': NUMBER\} Hz in the limit", text) == pytest.approx([10.049] * 2, rel=5e-3)
     # 21 x 5 x 5 nodes, and 41 x 9 x 9 with the edges' middles, less those of the held face, three unknowns each
     assert numbers(r"order 1: NUMBER Hz with NUMBER unknowns", text)[1] == 3 * 20 * 25

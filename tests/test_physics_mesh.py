@@ -1,4 +1,4 @@
-"""Meshes of boxes, their facets, edges and places: against grids counted in plain loops, against VTK, and on paper."""
+"""Meshes of boxes, their facets, edges and places: against grids counted in plain loops and on paper."""
 
 from collections import Counter
 from itertools import product
@@ -6,26 +6,17 @@ from itertools import product
 import meshio
 import numpy as np
 import pytest
-from vtkmodules.vtkCommonDataModel import vtkHexahedron, vtkQuad, vtkTetra, vtkTriangle, vtkWedge
 
 from physics.mesh.boxes import faces
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.files import write_mesh
-from physics.mesh.mesh import Mesh, closure, kind_of, pieces, rows_in, unique_edges
+from physics.mesh.mesh import Mesh, closure, pieces, rows_in, unique_edges
 from physics.scene import Body, read_body
 from physics.schema import InputError
 
 SOLID = ("prism", "tetrahedron", "hexahedron")
-VTK = {"triangle": vtkTriangle, "quadrilateral": vtkQuad, "tetrahedron": vtkTetra, "hexahedron": vtkHexahedron, "prism": vtkWedge}
 LENGTH, WIDTH, HEIGHT = 0.6, 0.2, 0.1  # [m] 3 x 2 x 4 cells of 0.2 x 0.1 x 0.025 m
-CORNERS = {  # of the cells of side 1
-    "triangle": [(0, 0, 0), (1, 0, 0), (0, 1, 0)],
-    "quadrilateral": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)],
-    "tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
-    "hexahedron": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
-    "prism": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)],
-}
 
 
 def box(cell, shape="beam"):
@@ -34,40 +25,6 @@ def box(cell, shape="beam"):
 
 def rectangle(cell):
     return build_mesh(Body(shape="plate", length=LENGTH, width=WIDTH, cells=(3, 2), cell=cell))
-
-
-@pytest.mark.parametrize("cell", VTK)
-def test_edges_and_facets_are_those_of_vtk_and_facets_look_outward(cell):
-    theirs = VTK[cell]()
-    assert CELLS[cell].vtk == theirs.GetCellType() and CELLS[cell].dimension == theirs.GetCellDimension()
-
-    def ends(part):
-        return frozenset(part.GetPointId(i) for i in range(part.GetNumberOfPoints()))
-
-    for i in range(theirs.GetNumberOfPoints()):
-        theirs.GetPointIds().SetId(i, i)
-    assert sorted(map(sorted, CELLS[cell].edges)) == sorted(sorted(ends(theirs.GetEdge(i))) for i in range(theirs.GetNumberOfEdges()))
-    points = np.array(CORNERS[cell], float)
-    if CELLS[cell].dimension == 2:
-        assert CELLS[cell].facets == CELLS[cell].edges
-        for i, j in CELLS[cell].facets:  # the normal of an edge (dx, dy) run through counter-clockwise is (dy, -dx)
-            dx, dy, _ = points[j] - points[i]
-            assert (points[i] - points.mean(axis=0)) @ (dy, -dx, 0) > 0
-        return
-    assert sorted(map(sorted, CELLS[cell].facets)) == sorted(sorted(ends(theirs.GetFace(i))) for i in range(theirs.GetNumberOfFaces()))
-    for facet in CELLS[cell].facets:
-        around = points[list(facet)]
-        for k in range(len(facet)):  # at every corner, so the corners go round and do not cross
-            side, before = around[(k + 1) % len(facet)] - around[k], around[k - 1] - around[k]
-            assert np.cross(side, before) @ (around[k] - points.mean(axis=0)) > 0
-
-
-def test_other_numbers_of_the_kinds():
-    assert CELLS["vertex"].dimension == 0 and CELLS["line"].dimension == 1
-    assert {name: cell.plural for name, cell in CELLS.items() if cell.dimension >= 2} == {
-        "triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra", "hexahedron": "hexahedra",
-        "prism": "prisms"}
-    assert [kind_of(np.zeros((1, n), int)) for n in (2, 3, 4)] == ["line", "triangle", "quadrilateral"]
 
 
 @pytest.mark.parametrize("shape", ["beam", "plate"])

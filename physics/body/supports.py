@@ -45,7 +45,7 @@ def rigid_motions_left(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
     x = (mesh.points - mesh.points.mean(axis=0)) / np.ptp(mesh.points)
     motions = [np.broadcast_to(axis, x.shape) for axis in np.eye(3)] + [np.cross(axis, x) for axis in np.eye(3)]
     at_held = np.stack([motion[fixed] for motion in motions], axis=1)
-    return 6 - int(np.linalg.matrix_rank(at_held, tol=1e-9 * max(1, len(at_held)) ** 0.5)) if len(at_held) else 6
+    return 6 - int(np.linalg.matrix_rank(at_held, tol=1e-9 * len(at_held) ** 0.5)) if len(at_held) else 6
 
 
 def traction_load(scene: Scene, mesh: Mesh) -> Floats:

@@ -8,6 +8,7 @@ from physics.mesh.build import build_mesh
 from physics.reduced import model as reduced
 from physics.reduced.model import Reduced
 from physics.solution import solve
+from tests.dense import solved
 from tests.scenes import beam, pressed
 
 LINEAR = {"young_modulus": 1e6, "poisson_ratio": 0.4, "law": "linear"}
@@ -70,3 +71,26 @@ def test_a_step_that_turns_a_cell_inside_out_is_taken_in_halves():
     scene = pressed(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [6, 2, 2]})
     once, tenfold = (Reduced(scene, build_mesh(scene.body)).path(steps)[-1] for steps in (1, 10))
     assert abs(once - tenfold).max() < 2e-5  # each settles within 2e-4 of a cell of 10 mm and what its rate leaves; 20 mm of motion
+
+
+def test_a_body_that_the_obstacle_leaves_again_goes_back_to_rest():
+    """Down by 2 mm beyond a gap of 0.5 mm and up again: pressed at the turn, and back at rest, to what ends the iteration."""
+    scene = pressed(obstacle={"shape": "cylinder", "radius": 0.01, "path": [[0.05, 0.01, z] for z in (0.0305, 0.0285, 0.0305)]},
+                    steps={"count": 8})
+    found = Reduced(scene, build_mesh(scene.body)).path(8)
+    assert not found[0].any() and abs(found[4]).max() > 1e-3 and abs(found[8]).max() < 1e-6
+
+
+def test_the_third_order_of_a_mode_follows_from_its_second_one():
+    """With v = 30 phi, w = K^-1 e(v) / 2, e the even part of the forces: v + K^-1 o, o the odd part of f(+-v - w), changed of sign."""
+    scene = beam()
+    model = Reduced(scene, build_mesh(scene.body))
+    elasticity, rest = model.balance.elasticity, np.zeros_like(model.balance.mesh.points)
+    mode = model._modes(1)[0]
+    large = 30 * mode
+    bow = solved(elasticity, rest, elasticity.force(large) + elasticity.force(-large)) / 2
+    odd = (elasticity.force(large - bow) - elasticity.force(-large - bow)) / 2
+    expected = large - solved(elasticity, rest, odd)
+    found = model._odd(mode)
+    assert abs(expected).max() > 1e-5 * abs(large).max()
+    np.testing.assert_allclose(found, expected, atol=1e-5 * abs(expected).max())  # what cancels is ten thousand times larger
