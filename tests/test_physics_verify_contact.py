@@ -84,3 +84,13 @@ def test_a_frame_that_is_not_finite_has_no_residual_but_an_answer():
     u[np.flatnonzero(upper)[-1]] = np.nan
     frame = Checker(scene, mesh).frame(u, 1.0)
     assert not np.isfinite(frame.residual) and not np.isfinite(frame.energy)
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf, -np.inf])
+def test_a_prediction_that_is_not_a_number_does_not_pass_for_one_without_penetration(broken):
+    scene, mesh, upper = box([-0.005 * NORMAL, 0.025 * NORMAL])
+    u = np.zeros_like(mesh.points)
+    checker = Checker(scene, mesh)
+    assert checker.penetration(u, 0.5) == pytest.approx(0.01)  # half-way from -5 to 25 mm
+    u[np.flatnonzero(upper)[0], 1] = broken
+    assert checker.penetration(u, 0.5) == np.inf

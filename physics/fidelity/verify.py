@@ -104,11 +104,12 @@ class Checker:
             return np.full_like(u, np.inf)
 
     def penetration(self, u: Floats, fraction: float) -> float:
-        """Largest penetration [m] of the obstacle at displacements (N, 3)."""
+        """Largest penetration [m] of the obstacle at displacements (N, 3); infinite where they are not all numbers."""
         contact = self.balance.contact
         if contact is None:
             return 0.0
-        return max(0.0, -float(contact.gaps(u, contact.obstacle.position(fraction))[0].min()))
+        deepest = -float(contact.gaps(u, contact.obstacle.position(fraction))[0].min())
+        return max(0.0, deepest) if np.isfinite(u).all() else float("inf")
 
 
 def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene, mesh: Mesh, free: NDArray[np.bool_],
