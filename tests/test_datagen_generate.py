@@ -56,11 +56,12 @@ def test_a_trajectory_holds_its_scene(family):
 def test_a_path_that_ends_early_is_kept_and_says_so(family):
     scene = draw(family, 0, 0)
     solution = generate.solve(scene)
-    rows = {name: getattr(solution, name)[:3] for name in ("displacement", *PER_FRAME)}
+    rows = {name: getattr(solution, name)[:3] for name in ("displacement", *PER_FRAME) if name != "smallest_det_f"}  # which follows
     early = generate.trajectory_of(scene, solution=dataclasses.replace(solution, **rows, failure="no equilibrium at step 3"))
     whole = generate.trajectory_of(scene, solution=solution)
     assert not early.complete and early.extra["failure"] == "no equilibrium at step 3"
     assert np.array_equal(early.displacement, whole.displacement[:3])
+    assert np.array_equal(early.per_frame["smallest_det_f"], whole.per_frame["smallest_det_f"][:3])
 
 
 def test_one_worker_makes_the_same_arrays_as_two(family, original, tmp_path):
