@@ -117,7 +117,7 @@ for order in (1, 2):
                         "support": [{"where": "x-min"}]})
     found = elastic_modes(scene, count=1)
     print(f"order {order}: {found.frequencies_hz[0]:.3f} Hz with {found.dofs} unknowns")
-    error = found.frequencies_hz[0] / 10.049 - 1  # of the converged value, tests/test_physics_modes.py
+    error = found.frequencies_hz[0] / 10.049 - 1  # of the converged value, tests/test_physics_modes_elastic.py
 assert error < 5e-3
 
 # %% [markdown]

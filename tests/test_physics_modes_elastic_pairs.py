@@ -14,7 +14,7 @@ from physics.modes.elastic import _first_bending, _rigid_motions, amplitudes, el
 from physics.modes.laplacian import laplacian_modes
 from physics.scene import read_body, read_scene
 from tests.scenes import beam
-from tests.test_physics_modes import two_cubes
+from tests.test_physics_modes_elastic import two_cubes
 
 E, NU, RHO = 210e9, 0.3, 7000.0
 MATERIAL = {"young_modulus": E, "poisson_ratio": NU, "density": RHO}
