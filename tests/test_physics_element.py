@@ -22,8 +22,8 @@ from physics.schema import InputError
 from physics.solution import solve
 from tests.invariants import assert_forces_and_stiffness_are_derivatives, assert_rigid_motion_stores_nothing
 from tests.scenes import beam, pressed
-from tests.test_physics_path import cooks_membrane
 from tests.test_physics_modes_elastic import CONVERGED, SLENDER
+from tests.test_physics_path import cooks_membrane
 
 RUBBER = Material(young_modulus=1e6, poisson_ratio=0.4)
 ELEMENTS = (("prism", "reduced"), ("prism", "mean-dilatation"), ("hexahedron", "mean-dilatation"))
