@@ -196,3 +196,9 @@ def test_a_union_of_plain_graphs_has_neither_overlap_nor_encodings():
 def test_a_node_held_is_told_from_a_free_one_and_from_the_obstacle():
     assert [frame(tiny(), 1).node[i, :3].tolist() for i in (1, 5, 0)] == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
     assert (NORMAL, OBSTACLE, HANDLE) == (0, 1, 3)  # the numbers of the files
+
+
+def test_the_last_segment_may_be_another_ones_neighbour():
+    """Three nodes in a row that goes round, each a segment of its own: 0 touches 2, the last one, and 1 touches nobody."""
+    found = neighbours(np.array([0, 1, 2]), np.array([[0, 2], [2, 0]]))
+    assert found.tolist() == [[0, 2], [2, 0]]

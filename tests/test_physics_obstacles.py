@@ -96,6 +96,11 @@ def test_normal_is_the_gradient_of_the_gap(name, count):
 
 
 @pytest.mark.parametrize("shape", OBSTACLES)
+def test_bend_has_two_directions_for_each_point(shape):
+    assert Rigid(OBSTACLES[shape]).bend(np.array([ROOT, ROOT, ROOT, ROOT]) + 0.9, np.array(ROOT)).shape == (4, 2, 3)
+
+
+@pytest.mark.parametrize("shape", OBSTACLES)
 def test_bend_is_the_second_derivative_of_the_gap(shape):
     body, points = Rigid(OBSTACLES[shape]), 0.6 * np.random.default_rng(0).normal(size=(400, 3)) + ROOT
     centre = np.array(ROOT)
