@@ -82,7 +82,7 @@ def test_how_a_motion_begins():
     assert made._largest == pytest.approx(max(np.linalg.norm(made.sudden), np.linalg.norm(made.growing)))
     assert made.kinetic_energy == pytest.approx((made.moving.node_mass * made.velocity**2).sum() / 2)
     assert not motion().velocity.any()
-    assert (made.order, made.halvings, made._factored_h, len(made.states), made.states[0].fraction) == (0, 0, 0.0, 1, 0.0)
+    assert (made.order, made.halvings, made.moving.factored_h, len(made.states), made.states[0].fraction) == (0, 0, 0.0, 1, 0.0)
 
 
 def test_a_body_that_nothing_holds_moves_as_newton_says():

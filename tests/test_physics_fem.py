@@ -26,7 +26,7 @@ def mesh_of(cell):
 
 
 def dense(matrix):
-    return matrix.convert("dense").getDenseArray()
+    return matrix.convert("dense").getDenseArray().copy()
 
 
 @pytest.mark.parametrize("cell", SOLID + PLANE)

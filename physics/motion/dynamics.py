@@ -54,12 +54,16 @@ class Moving(Lumped):
         share = (self.node_mass.ravel() / np.bincount(body.cells.ravel()))[body.cells]  # (C, n)
         super().__init__(body, share, scale=0.5)
         self.start = self.velocity = self.outer = np.zeros_like(body.mesh.points)
-        self.h = 0.0
+        self.h = self.factored_h = 0.0  # [s] of this step, and of the one that the stiffness was last asked for in
 
     def begin(self, u: Floats, velocity: Floats, outer: Floats, h: float) -> None:
         """A step of h [s] from displacements and velocities (N, 3) under mean outer forces (N, 3)."""
         self.start, self.velocity, self.outer, self.h = u, velocity, outer, h
         self.added = 2 / h**2
+
+    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
+        self.factored_h = self.h
+        super().add_stiffness(u, slot, out)
 
     def force(self, u: Floats) -> Floats:
         """What is missing to the balance of the step that ends at u (N, 3), contact left out [N]."""
@@ -76,7 +80,7 @@ class MotionMemory:
     velocity: Floats  # (N, 3) [m/s]
     order: int
     halvings: int
-    factored_h: float  # [s]
+    factored_h: float  # [s] of the step that the kept factor was made in
     largest: float  # [N]
     newton: NewtonMemory
 
@@ -107,7 +111,7 @@ class Motion:
         self.pull = rest.target / self.duration  # (N, 3) [m/s] of held components
         self.velocity = np.where(self.fixed, self.pull, np.array(scene.steps.velocity or (0.0, 0.0, 0.0)))
         self.order, self.halvings = 0, 0
-        self._factored_h, self._floor = 0.0, rest.floor
+        self._floor = rest.floor
         self._largest = max(float(np.linalg.norm(load)) for load in (self.sudden, self.growing))  # [N] force so far, or to come
 
     def advance(self, fraction: float, depth: int = 0) -> State:
@@ -119,9 +123,8 @@ class Motion:
             return self.advance(fraction, depth)
         if self._rests(last.u, fraction):
             return self._append(State(fraction, last.u, last.pressure))
-        if abs(h - self._factored_h) > 1e-6 * h:  # equal steps differ by rounding
+        if abs(h - self.moving.factored_h) > 1e-6 * h:  # equal steps differ by rounding
             self.newton.outdate()
-            self._factored_h = h
         if isinstance(self.balance.contact, Sweeping):
             self.balance.contact.begin(last.u, self.balance.contact.obstacle.position(last.fraction))
         self.moving.begin(last.u, self.velocity, self.sudden + (last.fraction + fraction) / 2 * self.growing, h)
@@ -202,12 +205,13 @@ class Motion:
 
     def memory(self) -> MotionMemory:
         """What `recall` takes."""
-        return MotionMemory(StatesMemory.of(self.states), self.velocity, self.order, self.halvings, self._factored_h, self._largest,
+        return MotionMemory(StatesMemory.of(self.states), self.velocity, self.order, self.halvings, self.moving.factored_h, self._largest,
                             self.newton.memory())
 
     def recall(self, memory: MotionMemory) -> None:
         """Go on as the motion whose memory this is would have, to the last bit."""
         self.states, self.velocity, self.order, self.halvings = memory.states.states(), memory.velocity, memory.order, memory.halvings
-        self._factored_h, self._largest = memory.factored_h, memory.largest
-        self.moving.h, self.moving.added = self._factored_h, 2 / self._factored_h**2 if self._factored_h else 0.0
+        self._largest = memory.largest
+        if memory.factored_h:  # the factor is made again as it was made, to the last bit of its step
+            self.moving.begin(self.moving.start, self.velocity, self.moving.outer, memory.factored_h)
         self.newton.recall(memory.newton)
