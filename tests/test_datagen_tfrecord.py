@@ -6,6 +6,7 @@ import pytest
 
 from datagen.files.tfrecord import crc32c, masked, parse_example, read_records, write_example, write_records
 from physics.schema import InputError
+from tests.test_datagen_deepmind import slow_crc
 
 
 @pytest.mark.parametrize(("data", "crc"), [
@@ -27,21 +28,11 @@ def test_the_mask_turns_the_checksum_and_adds_a_number():
     assert masked(b"") == struct.pack("<I", 0xA282EAD8)
 
 
-def bits(data):
-    """CRC-32C one bit at a time."""
-    register = 0xFFFFFFFF
-    for byte in data:
-        register ^= byte
-        for _ in range(8):
-            register = register >> 1 ^ (0x82F63B78 if register & 1 else 0)
-    return register ^ 0xFFFFFFFF
-
-
 @pytest.mark.parametrize("size", [1, 1023, 1024, 8191, 8192, 8193, 9215, 9216, 13_000])
 def test_the_checksum_by_lanes_is_that_bit_by_bit(size):
     """1024 lanes from 8 bytes each on, and what does not fill a lane."""
     data = bytes((31 * i * i + 7 * i + 3) % 251 for i in range(size))
-    assert crc32c(data) == bits(data)
+    assert crc32c(data) == slow_crc(data)
 
 
 def test_a_record_is_length_guard_data_guard(tmp_path):
