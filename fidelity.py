@@ -66,12 +66,12 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 
 def verify(options: Options) -> dict[str, Any]:
-    """Any prediction in the trajectory format, held against its reference and against the equations."""
-    from datagen.files.prediction import verify_files
+    """Any prediction in the trajectory format, or a folder of them, held against its reference and against the equations."""
+    from datagen.files.prediction import lines, verify_files
 
     result = verify_files(options.prediction, options.reference, _writable(options.out))
-    for name, value in result.items():
-        _say(options, f"{name:20s} {value:.6g}")
+    for line in lines(result):
+        _say(options, line)
     return result
 
 
@@ -199,7 +199,7 @@ def _parser() -> argparse.ArgumentParser:
     add_learning_verbs(lambda name, function, *positional: verb(name, of_networks(function), *positional, about=function.__doc__),
                        _positive, _count)
     add = verb("verify", verify, "prediction").add_argument
-    add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
+    add("--reference", required=True, help="trajectory of finite elements, with its scene in it; or a folder of them")
     add("--out", help="folder for the figures and a picture of the worst frame")
     verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")

@@ -15,8 +15,9 @@ from typing import Any
 _PUBLIC = {
     "Family": "family.family", "Trajectory": "files.trajectory", "as_solved": "files.trajectory", "check": "sets.check",
     "counts": "family.family", "draw": "family.family", "export_records": "sets.deepmind", "generate": "sets.generate",
-    "import_records": "sets.deepmind", "load_family": "family.family", "pack": "sets.pack", "read_manifest": "sets.dataset",
-    "read_trajectory": "files.trajectory", "statistics": "sets.statistics", "trajectory_of": "sets.generate", "unpack": "sets.pack",
+    "import_records": "sets.deepmind", "inputs_of": "files.inputs", "load_family": "family.family", "pack": "sets.pack",
+    "predicted": "files.inputs", "read_manifest": "sets.dataset", "read_trajectory": "files.trajectory",
+    "statistics": "sets.statistics", "trajectory_of": "sets.generate", "unpack": "sets.pack",
     "verify_files": "files.prediction", "write_trajectory": "files.trajectory",
 }
 __all__ = sorted(_PUBLIC)

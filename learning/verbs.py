@@ -44,6 +44,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add("--correct", type=positive, default=1, metavar="K", help="Newton steps after each frame of the corrected rollout (1)")
     add("--refined", type=count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
     add("--out", help="folder of the report (RUN/report)")
+    _own(add)
     add = verb("pareto", pareto, "what").add_argument
     add("--run", nargs="+", action="extend", default=[], help="folders of trainings (none: the classical methods alone)")
     add("--count", type=positive, default=5, help="trajectories of a data set, evenly spaced (5)")
@@ -51,6 +52,17 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add("--refined", type=count, help="scenes that are solved on finer cells as well (all)")
     add("--repeats", type=positive, default=3, help="of each timing; medians are shown (3)")
     add("--out", default="pareto", help="folder of the report (pareto)")
+    _own(add)
+    add("--only", default="", metavar="KIND,KIND", help="of our own only these: learned, hybrid, trivial, fe, reduced (all); the "
+                                                        "reference comes along")
+
+
+def _own(add: Callable[..., Any]) -> None:
+    """Declare what users bring along."""
+    add("--prediction", nargs="+", action="append", default=[], metavar=("FOLDER", "NAME MS"),
+        help="predictions of another program, files named as their truths; on request a name and milliseconds a step")
+    add("--predictor", nargs="+", action="append", default=[], metavar=("MODULE:FUNCTION", "NAME"),
+        help="a function that takes the inputs of a scene and gives displacements (T, N, 3) [m] of the body; timed as the rest are")
 
 
 def segment(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
@@ -110,7 +122,7 @@ def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any
 
     out = writable(options.out or Path(options.run) / "report")
     return run(options.run, files(options.data, options.split), out, correct=options.correct, refined=options.refined,
-               say=say)
+               predictions=options.prediction, functions=options.predictor, say=say)
 
 
 def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
@@ -119,4 +131,5 @@ def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
     out = writable(options.out)
     return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
-                   repeats=options.repeats, say=say)
+                   repeats=options.repeats, predictions=options.prediction, functions=options.predictor,
+                   only=[kind.strip() for kind in options.only.split(",") if kind.strip()], say=say)

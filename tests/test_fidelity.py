@@ -260,14 +260,12 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert status == 2 and "--out: give the folder, or --dry-run" in err
 
 
-def test_verify_prints_its_figures_with_six_digits(monkeypatch, capsys, tmp_path):
+def test_verify_prints_the_lines_of_what_it_found(monkeypatch, capsys, tmp_path):
     given = []
-    monkeypatch.setattr(
-        "datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.23456789e-4, "mc": 2.0}
-    )
-    assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1].splitlines() == [
-        "rmse_all             0.000123457", "mc                   2"]
-    assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmse_all": 1.23456789e-4, "mc": 2.0}
+    monkeypatch.setattr("datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.25e-4})
+    monkeypatch.setattr("datagen.files.prediction.lines", lambda result: [f"error {result['rmse_all']}", "verdict"])
+    assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1] == "error 0.000125\nverdict\n"
+    assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmse_all": 1.25e-4}
     assert given == [("p", "r", tmp_path / "o"), ("p", "r", None)]
 
 

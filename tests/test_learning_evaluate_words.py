@@ -14,6 +14,7 @@ from learning.report import evaluate as module
 from learning.report.measure import Measurement, WorstFrame
 from learning.samples.seen import Seen
 from physics.mesh.build import build_mesh
+from physics.schema import InputError
 from tests.rows import row, rows
 from tests.scenes import beam, pressed
 from tests.synthetic import bending
@@ -101,12 +102,14 @@ def measured(monkeypatch):
 @pytest.mark.parametrize("refined, numbers", [(0, []), (1, [0]), (2, [0, 4]), (3, [0, 2, 4]), (4, [0, 1, 3, 4]), (9, [0, 1, 2, 3, 4])])
 def test_scenes_solved_finer_are_evenly_spaced_and_as_many_as_asked_for(measured, tmp_path, refined, numbers):
     cases = [case(str(i)) for i in range(5)]
-    result = module.report_on([made(), made()], cases, tmp_path / "out", title="T", runs={}, refined=refined, repeats=7)
+    result = module.report_on([made(), made(name="b")], cases, tmp_path / "out", title="T", runs={}, refined=refined, repeats=7)
     assert measured.measure["refined"] == numbers
     assert (measured.measure["sample"], measured.measure["repeats"]) == (25, 7)
     assert measured.bars == [{"total": 10, "desc": "evaluate", "disable": None, "unit": "rollout"}] and measured.warm == [cases[0].scene]
     assert result == {"summary": "words", "report": str(tmp_path / "out")} and (tmp_path / "out").is_dir()
     assert measured.out == tmp_path / "out"
+    with pytest.raises(InputError, match="two predictors are called 'b'"):
+        module.report_on([made(), made(name="b"), made(name="b")], cases, tmp_path, title="T", runs={}, refined=0)
 
 
 def test_a_report_gathers_title_names_rows_and_notes(measured, tmp_path):
