@@ -72,7 +72,7 @@ def main():
             job = generate.Job(family, folder, dataset.file_name("train", index), 0, index)
             scene = draw(family, 0, index)
             release()
-            seconds, solution = timed(solve, scene)
+            seconds, solution = timed(lambda of: solve(of, partial=True), scene)
             both, (_, reasons) = timed(generate._make, job)
             if solution.failure or reasons:
                 continue

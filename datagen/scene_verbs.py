@@ -29,7 +29,14 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
     add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
     add("--picture", metavar="FOLDER", help="a picture and a film of each mode")
-    verb("simulate", simulate, "scene").add_argument("--out", required=True, help="trajectory, .vtkhdf")
+    _set(add)
+    add = verb("simulate", simulate, "scene").add_argument
+    add("--out", required=True, help="trajectory, .vtkhdf")
+    _set(add)
+
+
+def _set(add: Callable[..., Any]) -> None:
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="values of the scene changed: obstacle.radius=0.012")
 
 
 def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
@@ -66,13 +73,15 @@ def _elastic(options: Options, spread: bool) -> Any:
         raise InputError("--dirichlet is for --kind laplacian; elastic modes take the supports of the scene")
     if Path(options.scene).suffix.lower() != ".toml":
         raise InputError(f"{options.scene}: elastic modes need a scene (.toml) with a material; its [body] may name a mesh file")
-    return elastic_modes(load_scene(options.scene), count=options.count, spread=spread)
+    return elastic_modes(load_scene(options.scene, options.set), count=options.count, spread=spread)
 
 
 def _laplacian(options: Options, spread: bool) -> Any:
     from physics.modes.laplacian import laplacian_modes
     from physics.scene import load_body
 
+    if options.set:
+        raise InputError("--set is for elastic modes and simulate; a shape alone has nothing to change but its mesh")
     names = options.dirichlet
     chosen = None if names is None else [name.strip() for name in names.split(",") if name.strip() not in ("", "none")]
     return laplacian_modes(load_body(options.scene), count=options.count, dirichlet=chosen, spread=spread)
@@ -82,10 +91,13 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
     """The shapes as .vtu, or as a trajectory file of the rest state alone."""
     if out.suffix == ".vtkhdf":
         from datagen.files.trajectory import at_rest, write_trajectory
+        from physics.scene import load_scene
 
         elastic = options.kind == "elastic"
         shapes = found.pictured if elastic else found.pictured[:, :, None] * [0.0, 0.0, 1.0]
         text = Path(options.scene).read_text() if Path(options.scene).suffix.lower() == ".toml" else ""
+        if options.set:
+            text = load_scene(options.scene, options.set).to_toml()
         write_trajectory(out, at_rest(found.mesh, shapes, scene=text, frequencies_hz=found.frequencies_hz if elastic else (),
                                       extra={} if elastic else {"laplacian_eigenvalues": found.eigenvalues.tolist()}))
     else:
@@ -101,7 +113,7 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     from physics.scene import load_scene
     from physics.solution import solve
 
-    scene = load_scene(options.scene)
+    scene = load_scene(options.scene, options.set)
     if scene.body.order != 1 or scene.body.shape == "channel":
         raise InputError(f"{options.scene}: simulate takes solid bodies of first order; modes take others too")
     out = writable(options.out, ".vtkhdf")
@@ -113,7 +125,7 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
         raise InputError(f"--out {out}: {part.name} is of an unfinished run, which one process goes on with; delete it to start anew")
     with tqdm(total=scene.steps.count, disable=True if rank else None, desc="simulate", unit="step") as bar:
         solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part if processes == 1 else None,
-                         spread=processes > 1)
+                         spread=processes > 1, partial=True)
     trajectory = trajectory_of(scene, solution=solution)
     if rank == 0:
         write_trajectory(out, trajectory)

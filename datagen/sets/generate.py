@@ -60,7 +60,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         InputError: the scene has no solution to look for
         RuntimeError: the elastic mode was not found
     """
-    solution = solution or solve(scene, on_step=on_step)
+    solution = solution or solve(scene, on_step=on_step, partial=True)
     mesh = solution.mesh
     modes = elastic_modes(scene, count=AT_ONCE, mesh=mesh)
     first = np.flatnonzero(np.array(modes.frequencies_hz) <= CLUSTER * modes.frequencies_hz[0])

@@ -146,7 +146,7 @@ def _solved(scene: Scene, every: int, points: NDArray[np.float64], times: int) -
     nx, ny, nz = (times * n for n in scene.body.divisions)
     body = dataclasses.replace(scene.body, cells=(nx, ny, nz), cell_size=None)
     release()
-    solution = solve(dataclasses.replace(scene, body=body, steps=Steps(count=scene.steps.count // every)))
+    solution = solve(dataclasses.replace(scene, body=body, steps=Steps(count=scene.steps.count // every)), partial=True)
     if solution.failure:
         raise RuntimeError(f"the scene with {nx} x {ny} x {nz} cells: {solution.failure}")
     distance, node = cKDTree(solution.mesh.points).query(points)

@@ -43,6 +43,10 @@ class Mesh:
     parts: dict[str, Parts] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        names = f", places {', '.join(self.places)}" if self.places else ""
+        return f"Mesh({len(self.points)} nodes, {len(self.cells)} {self.cell} cells{names})"
+
     @property
     def dimension(self) -> int:
         """3 for a solid body, 2 for a plane one."""

@@ -2,6 +2,7 @@
 
     parts   the dataclasses of these, with unit and bounds of every key
     rules   which keys the shapes of bodies and obstacles need, take and refuse
+    change  single values changed from outside
     scene   all of it together: read from TOML, checked, written back
 
 A scene is a TOML file, read into frozen dataclasses. Coordinates are Cartesian [m]; the body is given in its stress-free rest
