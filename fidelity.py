@@ -161,7 +161,12 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
+    """Says what is wrong in one line; `more` is asked for the end of its help."""
+
+    more: Callable[[], str] | None = None
+
+    def format_help(self) -> str:
+        return super().format_help() + (f"\n{self.more()}\n" if self.more else "")
 
     def error(self, message: str) -> NoReturn:
         raise SystemExit(_fail(message.replace(" (choose from", "; choose from").rstrip(")"), 2))

@@ -11,6 +11,7 @@ import datetime
 import os
 import platform
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,12 +27,13 @@ from learning.prediction.foreign import Own, from_folder, from_function
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
+from learning.report.differences import differing, spread_said
 from learning.report.measure import Measurement, measure
 from learning.report.report import write_report
 from learning.report.table import JUDGED, Report, Row, best_learned
 from learning.samples.seen import Seen, outside, read_seen
 from physics.scene import Scene
-from physics.schema import InputError
+from physics.schema import InputError, to_table
 from physics.view import Obstacle, frame_picture
 
 WORST = 5  # pictures
@@ -112,14 +114,29 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
         found = measure(predictors, cases, sample=SAMPLE, refined=evenly(refined, len(cases)), repeats=repeats, on_done=bar.update)
     out.mkdir(parents=True, exist_ok=True)
     spans = [span for span in known.values() if span is not None]
+    apart = _apart(runs)
+    found.rows = [replace(row, about=next((words for run, words in apart.items() if row.kind == "learned"
+                                           and row.name.endswith(f" {Path(run).name}")), "")) for row in found.rows]
+    seeds_alone = bool(apart) and all(words.startswith("seed ") and "," not in words for words in apart.values())
+    spread = spread_said(found.rows, chance=seeds_alone)
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
                     outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
-                    facts=_facts(runs, cases, found, repeats) | (about or {}), notes=_limits(cases, found, runs, spans))
+                    facts=_facts(runs, cases, found, repeats) | (about or {}),
+                    notes=[*spread, *_limits(cases, found, runs, spans)])
     content = write_report(out, report)
     if say is not None:
-        for line in (*summary(found.rows), content["summary"], f"report: {out / 'report.html'}"):
+        for line in (*summary(found.rows), content["summary"], *spread, f"report: {out / 'report.html'}"):
             say(line)
     return {**content, "report": str(out)}
+
+
+def _apart(runs: dict[str, Model]) -> dict[str, str]:
+    """In what several runs differ: config, weights and trained steps; empty for one."""
+    if len(runs) < 2:
+        return {}
+    return differing({run: {**to_table(model.config), "weights": sum(p.numel() for p in model.network.parameters()),
+                            "trained steps": read_checkpoint(Path(run) / "model.safetensors").about["step"]}
+                      for run, model in runs.items()})
 
 
 def summary(rows: Sequence[Row]) -> list[str]:
@@ -128,6 +145,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
     for row in rows:
         errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmse_1", "rmse_50", "rmse_all", "rmse_refined"))
         lines.append(f"{row.name:36s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
+        lines += [f"    {row.about}"] * bool(row.about)
     return lines
 
 

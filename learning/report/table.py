@@ -22,12 +22,14 @@ class Row:
     kind: a key of KINDS
     scores: key of a column -> value in SI units, over all trajectories; nan where there is none
     each: the same for every trajectory
+    about: in what it differs from others of its kind, in words
     """
 
     name: str
     kind: str
     scores: dict[str, float]
     each: tuple[dict[str, float], ...] = ()
+    about: str = ""
 
     @property
     def ms_per_step(self) -> float:
@@ -136,7 +138,8 @@ def heads(columns: dict[str, Column]) -> list[str]:
 
 def cells(row: Row, columns: dict[str, Column]) -> list[str]:
     """The row of the table under these headings."""
-    return [row.name, *(shown(row.scores.get(key, math.nan) * column.factor) for key, column in columns.items())]
+    name = f"{row.name} ({row.about})" if row.about else row.name
+    return [name, *(shown(row.scores.get(key, math.nan) * column.factor) for key, column in columns.items())]
 
 
 def by_case(report: Report) -> tuple[list[str], list[list[str]]]:
