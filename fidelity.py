@@ -11,7 +11,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -45,7 +45,7 @@ def generate(options: Options) -> dict[str, Any]:
     if options.out is None:
         raise InputError("--out: give the folder, or --dry-run to see what would be made")
     result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers,
-                 cluster=options.cluster, time_limit=options.time_limit)
+                 cluster=options.cluster, tls=options.tls, time_limit=options.time_limit)
     _say(options, ", ".join(f"{key} {value}" for key, value in result.items()) + f": {options.out}")
     return result
 
@@ -160,13 +160,60 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
     return path
 
 
+EXAMPLES = {
+    "modes": "press.toml --count 6 --out modes.vtu", "simulate": "press.toml --set obstacle.radius=0.012 --out press.vtkhdf",
+    "generate": "demo --out data", "segment": "press.vtkhdf --segments 12 --picture segments.png",
+    "train": "learning/configs/m4gn-small.toml --data data --out run --seconds 600", "rollout": "run press.vtkhdf --out p.vtkhdf",
+    "evaluate": "run --data data --out report", "pareto": "press.toml --run run --predictor mymodule:model --out pareto",
+    "verify": "p.vtkhdf --reference press.vtkhdf --out report", "view": "press.vtkhdf --out press.gif", "demo": "--out demo",
+    "dataset check": "data --steps 5", "dataset stats": "data --refined 10", "dataset card": "data",
+    "dataset pack": "data --tolerance 1e-6 --out data.pack", "dataset unpack": "data.pack --out data",
+    "dataset import": "deforming_plate --out plate", "dataset export": "data --out records"}
+
+
+class _Version(argparse.Action):
+    """Prints the version and, in a checkout, the commit."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from datagen.files.provenance import commit, release
+
+        print(f"fidelity {release()}" + (f" ({commit()})" if commit() else ""))
+        parser.exit()
+
+
+class _Completion(argparse.Action):
+    """Prints what a shell needs to complete verbs, options and their choices."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        cases = "".join(f'    "{verb}") words="{words}";;\n' for verb, words in _words(parser, ""))
+        print("# bash: source <(fidelity --completion); zsh: autoload -U bashcompinit && bashcompinit before that\n"
+              "_fidelity() {\n  local verb=${COMP_WORDS[1]} words\n  ((COMP_CWORD > 1)) || verb=\n"
+              '  [[ $verb != dataset ]] || ((COMP_CWORD == 2)) || verb="dataset ${COMP_WORDS[2]}"\n'
+              f'  case "$verb" in\n{cases}  esac\n'
+              '  COMPREPLY=($(compgen -W "$words" -- "${COMP_WORDS[COMP_CWORD]}"))\n}\ncomplete -o default -F _fidelity fidelity ./run')
+        parser.exit()
+
+
+def _words(parser: argparse.ArgumentParser, verb: str) -> Iterator[tuple[str, str]]:
+    """Each verb with the words that may follow it."""
+    words: list[str] = []
+    for action in parser._actions:
+        words += [*action.option_strings, *(action.choices or ())]
+        if isinstance(action, argparse._SubParsersAction):
+            for name, below in action.choices.items():
+                yield from _words(below, f"{verb} {name}".strip())
+    yield verb, " ".join(words)
+
+
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line; `more` is asked for the end of its help."""
 
     more: Callable[[], str] | None = None
 
     def format_help(self) -> str:
-        return super().format_help() + (f"\n{self.more()}\n" if self.more else "")
+        verb = self.prog.removeprefix("fidelity ")
+        example = f"\nexample:\n  fidelity {verb} {EXAMPLES[verb]}\n" if verb in EXAMPLES else ""
+        return super().format_help() + (f"\n{self.more()}\n" if self.more else "") + example
 
     def error(self, message: str) -> NoReturn:
         raise SystemExit(_fail(message.replace(" (choose from", "; choose from").rstrip(")"), 2))
@@ -174,6 +221,8 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="fidelity", description="Physics fidelity of learned mesh simulators, held against finite elements.")
+    parser.add_argument("--version", action=_Version, nargs=0, help="the version and the commit")
+    parser.add_argument("--completion", action=_Completion, nargs=0, help="what bash or zsh needs: source <(fidelity --completion)")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
 
     def verb(name: str, function: Callable[[Options], dict[str, Any]], *positional: str, into: Any = verbs,
@@ -196,7 +245,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--split", help="only train, valid or test")
     add("--seed", type=_seed, default=0)
     add("--workers", type=_positive, help="processes (one for each core)")
-    add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead")
+    add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead; tcp:// is for a trusted "
+                                                            "network, tls:// for any")
+    add("--tls", nargs=3, default=(), metavar=("CA", "CERT", "KEY"), help="for tls://, files of the authority's certificate, ours, its key")
     add("--time-limit", type=float, default=math.inf, metavar="S", help="seconds for one scene, then another is drawn (none)")
     add("--dry-run", action="store_true", help="only draw the scenes: what the set will be like")
     data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)

@@ -248,10 +248,12 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
         "datagen.sets.generate.generate", lambda family, wanted, out, **how: given.update(how, all=(family, wanted, out)) or {"new": 3}
     )
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d") == (0, f"new 3: {tmp_path / 'd'}\n", "")
-    assert given == {"all": ("beam", (None, None), tmp_path / "d"), "seed": 0, "workers": None, "cluster": "", "time_limit": float("inf")}
+    assert given == {"all": ("beam", (None, None), tmp_path / "d"), "seed": 0, "workers": None, "cluster": "", "tls": (),
+                     "time_limit": float("inf")}
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d", "--count", "4", "--split", "test", "--seed", "9", "--workers", "2",
-                  "--cluster", "tcp://x", "--time-limit", "1.5")[0] == 0
-    assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tcp://x", "time_limit": 1.5}
+                  "--cluster", "tls://x", "--tls", "ca", "cert", "key", "--time-limit", "1.5")[0] == 0
+    assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tls://x",
+                     "tls": ["ca", "cert", "key"], "time_limit": 1.5}
     monkeypatch.setattr("datagen.sets.plan.planned",
                         lambda family, wanted, seed: {"count": 3, "nodes": {"mean": 81.5, "min": 60.0}, "of": seed})
     assert called(capsys, "generate", "beam", "--dry-run", "--seed", "5")[1].splitlines() == [

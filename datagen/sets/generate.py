@@ -15,7 +15,7 @@ import dataclasses
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -117,7 +117,7 @@ def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_l
 
 
 def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: int = 0, workers: int | None = None,
-             cluster: str = "", time_limit: float = math.inf) -> dict[str, Any]:
+             cluster: str = "", tls: Sequence[str] = (), time_limit: float = math.inf) -> dict[str, Any]:
     """Make a folder of trajectories, or what is missing of it, and its manifest.
 
     Args:
@@ -125,6 +125,7 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         out: the folder; when it holds a data set, then one of the same family and seed
         workers: processes on this machine, by default one for each core
         cluster: address of a Dask scheduler whose workers do it instead; they must see the folder under the same name
+        tls: for one at tls://, the files of its authority's certificate, of our certificate and of its key
         time_limit: [s] for each attempt at a scene; one that takes longer counts as failed, so with a limit the set may
             depend on the machine
 
@@ -154,7 +155,8 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
     if not missing:
         done: Any = ()
     elif cluster:
-        done = on_cluster(_make, missing, cluster, prepare=(compile_forms, scenes), folder=out, kept=len(jobs) - len(missing))
+        done = on_cluster(_make, missing, cluster, prepare=(compile_forms, scenes), folder=out, kept=len(jobs) - len(missing),
+                          tls=tls)
     else:
         compile_forms(scenes)
         done = on_this_machine(_make, missing, min(workers, len(missing)), kept=len(jobs) - len(missing))
