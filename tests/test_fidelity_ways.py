@@ -53,3 +53,28 @@ def test_it_runs_as_a_module_from_elsewhere(tmp_path):
     done = subprocess.run([sys.executable, "-m", "fidelity", "view", "none.vtkhdf"], cwd=tmp_path,
                           env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (2, "", "fidelity: none.vtkhdf: no such file\n")
+
+
+@pytest.mark.parametrize("release, words", [
+    ('ID=ubuntu\nVERSION_ID="24.04"\nPRETTY_NAME="Ubuntu 24.04 LTS"', "this is Ubuntu 24.04 LTS, whose FEniCSx is another version"),
+    ("ID=fedora\nVERSION_ID=40\nPRETTY_NAME=Fedora", "this is Fedora; Debian 12 and 13"), (None, "this is macOS, which has no Debian packages")])
+def test_elsewhere_run_says_which_command_helps(tmp_path, release, words):
+    """A system is what its file says; macOS has none, and a `uname` of its own."""
+    if release:
+        (tmp_path / "os-release").write_text(release)
+    (tmp_path / "uname").write_text("#!/bin/sh\necho Darwin\n")
+    (tmp_path / "uname").chmod(0o755)
+    environment = {"PATH": f"{tmp_path}:/usr/bin:/bin", "OS_RELEASE": str(tmp_path / "os-release")}
+    done = subprocess.run([ROOT / "run", "--version"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and done.stdout == "" and done.stderr.startswith(f"run: {words}") and done.stderr.count("\n") == 1
+    assert "docker build -t fidelity . && docker run" in done.stderr
+
+
+def test_the_dockerfile_sets_up_by_run_itself_and_names_what_run_names():
+    lines = (ROOT / "Dockerfile").read_text().splitlines()
+    steps = [line for line in lines if line and not line.startswith("#")]
+    assert [line.split()[0] for line in steps] == ["ARG", "FROM", "COPY", "RUN", "WORKDIR", "ENTRYPOINT"]
+    assert "/opt/fidelity/run --version" in steps[3] and "apt-get" not in steps[3] and "pip install" not in steps[3]
+    told = re.search(r"^container='(.*)'$", (ROOT / "run").read_text(), re.MULTILINE)[1]
+    for command in told.split(" && "):
+        assert f"#   {command}" in lines
