@@ -76,13 +76,23 @@ def verify(options: Options) -> dict[str, Any]:
 
 
 def view(options: Options) -> dict[str, Any]:
-    """A film of a trajectory."""
+    """A film of a trajectory (.gif), or one frame of it (.png)."""
     from datagen.files.trajectory import read_sound
-    from physics.view import Obstacle, film
+    from physics.view import Obstacle, film, still_picture
 
+    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif", ".png")
+    if options.frame is not None and out.suffix != ".png":
+        raise InputError(f"--frame {options.frame}: is for a picture, --out NAME.png")
     trajectory = read_sound(options.trajectory, complete=False)
-    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif")
     surface = None if trajectory.obstacle is None else Obstacle(*trajectory.obstacle)
+    if out.suffix == ".png":
+        last = len(trajectory.displacement) - 1
+        frame = last if options.frame is None else options.frame
+        if frame > last:
+            raise InputError(f"--frame {frame}: the last one is {last}")
+        still_picture(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], frame, obstacle=surface)
+        _say(options, f"frame {frame} of {last}: {out}")
+        return {"frame": frame, "out": str(out)}
     frames = film(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], obstacle=surface)
     _say(options, f"{frames} pictures: {out}")
     return {"pictures": frames, "out": str(out)}
@@ -257,7 +267,9 @@ def _parser() -> argparse.ArgumentParser:
     add = verb("verify", verify, "prediction").add_argument
     add("--reference", required=True, help="trajectory of finite elements, with its scene in it; or a folder of them")
     add("--out", help="folder for the figures and a picture of the worst frame")
-    verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
+    add = verb("view", view, "trajectory").add_argument
+    add("--out", help="film, .gif, or one frame, .png")
+    add("--frame", type=_count, help="of the picture, the rest state being 0 (the last)")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser
 

@@ -29,9 +29,11 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
     add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
     add("--picture", metavar="FOLDER", help="a picture and a film of each mode")
+    add("--no-films", action="store_true", help="pictures alone, in a twentieth of the time")
     _set(add)
     add = verb("simulate", simulate, "scene").add_argument
     add("--out", required=True, help="trajectory, .vtkhdf")
+    add("--csv", help="a table with a row for each frame: obstacle, reaction, energy, penetration, .csv")
     _set(add)
 
 
@@ -59,7 +61,7 @@ def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, proc
     if rank == 0 and picture is not None:
         from physics.view import mode_pictures
 
-        result["pictures"] = mode_pictures(picture, found.mesh, found.shapes, names=[
+        result["pictures"] = mode_pictures(picture, found.mesh, found.shapes, films=not options.no_films, say=say, names=[
             f"{'f' if elastic else 'lambda'} = {value:.5g} {'Hz' if elastic else '1/m2'}" for value in values])
         say(f"{len(result['pictures'])} pictures: {picture}")
     return result
@@ -108,6 +110,7 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
 
 def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
     """The path of a scene, through equilibria or through time, by finite elements."""
+    from datagen.files.inputs import write_table
     from datagen.files.trajectory import unfinished, write_trajectory
     from datagen.sets.generate import trajectory_of
     from physics.scene import load_scene
@@ -116,7 +119,7 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     scene = load_scene(options.scene, options.set)
     if scene.body.order != 1 or scene.body.shape == "channel":
         raise InputError(f"{options.scene}: simulate takes solid bodies of first order; modes take others too")
-    out = writable(options.out, ".vtkhdf")
+    out, table = writable(options.out, ".vtkhdf"), writable(options.csv, ".csv")
     if out.exists() and unfinished(out) not in (None, scene.to_toml()):
         raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
 
@@ -129,6 +132,8 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     trajectory = trajectory_of(scene, solution=solution)
     if rank == 0:
         write_trajectory(out, trajectory)
+        if table is not None:
+            write_table(table, trajectory)
     steps = len(solution.displacement) - 1
     if solution.resumed:
         say(f"went on after step {solution.resumed}, which an earlier run had reached")
@@ -142,6 +147,7 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
               "largest_relative_residual": float(solution.relative_residual.max()),
               "largest_penetration": float(solution.penetration.max()),
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
+              **({"obstacle": trajectory.per_frame["obstacle"][1:].tolist()} if "obstacle" in trajectory.per_frame else {}),
               "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
               "resumed_after_step": solution.resumed}
     say(f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "

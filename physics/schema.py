@@ -100,7 +100,9 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
     hints = typing.get_type_hints(kind)
     for key in table:
         if key not in fields:
-            raise InputError(f"{_at(where, key)}: unknown key{nearest(key, fields)}")
+            of_shape = getattr(kind, "keys_for", None)
+            known = of_shape(table) if of_shape else tuple(fields)
+            raise InputError(f"{_at(where, key)}: unknown key{nearest(key, fields) or ';'} {where or 'the file'} takes {', '.join(known)}")
     values = {}
     for name, field in fields.items():
         if name not in table:

@@ -1,15 +1,21 @@
 """What a predictor sees of a trajectory, against a beam made by hand: everything but the motion of its free nodes."""
 
+import csv
 import dataclasses
 
 import numpy as np
 import pytest
+import pyvista
 
-from datagen.files.inputs import inputs_of, poses, predicted
+from datagen.files import trajectory as trajectory_module
+from datagen.files.inputs import inputs_of, poses, predicted, write_table
 from datagen.files.trajectory import read_trajectory, write_trajectory
+from datagen.sets.dataset import digest
+from datagen.sets.generate import trajectory_of
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from tests import unsolved
+from tests.scenes import pressed
 from tests.synthetic import bending
 
 
@@ -76,3 +82,32 @@ def test_positions_are_not_written_as_displacements(tmp_path):
     write_trajectory(tmp_path / "p.vtkhdf", dataclasses.replace(trajectory, displacement=trajectory.displacement.astype(np.float64)))
     kept = read_trajectory(tmp_path / "p.vtkhdf").displacement
     assert kept.dtype == np.float32 and np.array_equal(kept, trajectory.displacement)
+
+
+def test_the_table_of_a_trajectory_has_the_reaction_beside_the_place_of_the_obstacle(tmp_path):
+    """A beam under a cylinder that comes down 15 mm in 3 steps: obstacle, reaction, energy of each frame, to be drawn in three lines."""
+    made = trajectory_of(pressed(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [4, 1, 2]}, steps={"count": 3}))
+    assert np.allclose(made.per_frame["obstacle"], [[0.05, 0.01, 0.0305 - 0.005 * t] for t in range(4)], atol=1e-15)
+    write_table(tmp_path / "t.csv", made)
+    with open(tmp_path / "t.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["step"] for row in rows] == ["0", "1", "2", "3"] and "newton_iterations" in rows[0]
+    for name in ("obstacle", "reaction"):
+        assert np.array_equal([[float(row[f"{name}_{axis}"]) for axis in "xyz"] for row in rows], made.per_frame[name])
+    assert np.array_equal([float(row["energy"]) for row in rows], made.per_frame["energy"]) and made.per_frame["energy"][-1] > 0
+    bare = dataclasses.replace(made, per_frame={name: array for name, array in made.per_frame.items() if name != "obstacle"})
+    assert digest(bare) == digest(made) and np.array_equal(poses(bare), poses(made))  # the scene says where it is
+    moved = dataclasses.replace(made, per_frame=made.per_frame | {"energy": made.per_frame["energy"] + 1})
+    assert digest(moved) != digest(made)
+
+
+def test_pyvista_steps_through_a_file_as_its_page_says(tmp_path):
+    trajectory = bending(cells=(4, 2, 2), steps=5)
+    write_trajectory(tmp_path / "t.vtkhdf", dataclasses.replace(trajectory, per_frame={"reaction": np.arange(18.0).reshape(6, 3)}))
+    reader = pyvista.get_reader(tmp_path / "t.vtkhdf")
+    for frame in (0, 3, 5, 1):
+        reader.reader.SetStep(frame)
+        mesh = reader.read()
+        assert np.array_equal(mesh["displacement"], trajectory.displacement[frame])
+        assert np.array_equal(mesh.field_data["reaction"][0], [3 * frame, 3 * frame + 1, 3 * frame + 2])
+    assert "reader.reader.SetStep(7)" in trajectory_module.__doc__

@@ -57,7 +57,8 @@ def test_it_runs_as_a_module_from_elsewhere(tmp_path):
 
 @pytest.mark.parametrize("release, words", [
     ('ID=ubuntu\nVERSION_ID="24.04"\nPRETTY_NAME="Ubuntu 24.04 LTS"', "this is Ubuntu 24.04 LTS, whose FEniCSx is another version"),
-    ("ID=fedora\nVERSION_ID=40\nPRETTY_NAME=Fedora", "this is Fedora; Debian 12 and 13"), (None, "this is macOS, which has no Debian packages")])
+    ("ID=fedora\nVERSION_ID=40\nPRETTY_NAME=Fedora", "this is Fedora; Debian 12 and 13"),
+    (None, "this is macOS, which has no Debian packages")])
 def test_elsewhere_run_says_which_command_helps(tmp_path, release, words):
     """A system is what its file says; macOS has none, and a `uname` of its own."""
     if release:

@@ -275,3 +275,18 @@ def test_files(tmp_path):
     with pytest.raises(InputError) as caught:
         load_scene(tmp_path / "none.toml")
     assert str(caught.value) == f"{tmp_path / 'none.toml'}: No such file or directory"  # the file's name once only
+
+
+@pytest.mark.parametrize("name, table, takes", [
+    ("body", {"shape": "file", "file": "a.msh"}, "shape, path, order, element, plane, thickness"),
+    ("body", {"lenght": 1}, "shape, length, width, height, cells, cell_size, cell, order, element"),
+    ("body", {"shape": "plate", "cell": "triangle", "x": 1}, "shape, length, width, height, cells, cell_size, cell, order, element, plane, "
+                                                             "thickness"),
+    ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, contact"),
+    ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, contact"),
+    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, path, contact"),
+    ("steps", {"number": 1}, "count, duration, dynamic, velocity")])
+def test_an_unknown_key_lists_those_that_its_shape_takes(name, table, takes):
+    whole = {"body": {"length": 1.0, "width": 1.0, "height": 1.0, "cells": [1, 1, 1]}, "material": {"young_modulus": 1, "poisson_ratio": 0}}
+    with pytest.raises(InputError, match=rf"^{name}\.\w+: unknown key.* {name} takes {takes}$"):
+        read_scene(whole | {name: table})

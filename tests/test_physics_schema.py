@@ -1,6 +1,6 @@
 """Tables into dataclasses: every kind of value, every bound from both sides, and the words of every refusal."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -78,8 +78,8 @@ def test_every_refusal_says_where_and_what():
     with pytest.raises(InputError, match="^inner: missing$"):
         read_table(Outer, {})
     refused("inner.number: missing", inner={})
-    refused("inner.nmber: unknown key; did you mean 'number'?", inner={"nmber": 1})
-    refused("qqqq: unknown key", qqqq=1)
+    refused("inner.nmber: unknown key; did you mean 'number'? inner takes word, number", inner={"nmber": 1})
+    refused("qqqq: unknown key; the file takes " + ", ".join(field.name for field in fields(Outer)), qqqq=1)
     refused("inner must be a table, not a number", inner=1.5)
     with pytest.raises(InputError, match="^the file must be a table, not an array$"):
         read_table(Outer, [])

@@ -9,7 +9,10 @@ Legend: T frames (the rest state first), N nodes of the body, C cells, E edges, 
 
 from __future__ import annotations
 
+import csv
+import io
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +22,7 @@ from datagen.files.trajectory import Trajectory
 from physics.contact.obstacles import Rigid
 from physics.scene import Scene
 from physics.schema import InputError
+from physics.whole import write_whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,3 +94,15 @@ def predicted(trajectory: Trajectory, displacement: ArrayLike, *, name: str = ""
     extra: dict[str, Any] = {"name": name} if name else {}
     extra |= {} if seconds_per_step is None else {"seconds_per_step": float(seconds_per_step)}
     return replace(trajectory, displacement=whole, per_frame={}, extra=extra)
+
+
+def write_table(path: str | Path, trajectory: Trajectory) -> None:
+    """A CSV file of what a trajectory says of each frame, vectors as three columns; units as in the format's page. Raises OSError."""
+    columns: dict[str, NDArray[Any]] = {"step": np.arange(len(trajectory.displacement))}
+    for name, values in trajectory.per_frame.items():
+        columns |= {f"{name}_{axis}": values[:, i] for i, axis in enumerate("xyz")} if values.ndim == 2 else {name: values}
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    write_whole(path, text.getvalue().encode())

@@ -1,6 +1,7 @@
 """One trajectory file: a body and its obstacle over all steps.
 
-The file is VTKHDF (HDF5 by another name): ParaView and PyVista open it with a time slider, h5py reads it as arrays.
+The file is VTKHDF (HDF5 by another name): ParaView opens it with a time slider, h5py reads it as arrays. PyVista shows the first
+frame; `reader = pyvista.get_reader(path); reader.reader.SetStep(7); mesh = reader.read()` is frame 7.
 Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body first, obstacle last), C cells, m modes.
 
     /VTKHDF                     @Type "UnstructuredGrid", @Version [2, 1]
@@ -16,6 +17,7 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         segment                 (N,) int32       optional
         NAME                    (T N, k) float32  optional: whatever else changes, such as the stress of an imported set; @fields
       FieldData                 one row for each frame
+        obstacle                (T, 3) float64   [m] its centre; a file may lack it
         reaction                (T, 3) float64   [N] force of the body on the obstacle (without one: on its supports)
         energy                  (T,) float64     [J] stored
         penetration             (T,) float64     [m] largest, 0 without contact

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, draw
+from datagen.files.inputs import centres
 from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.sets import dataset
@@ -70,11 +71,11 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     if scene.obstacle is not None:
         rigid, size = Rigid(scene.obstacle), cell_size(mesh)
         around, triangles = rigid.surface_mesh(mesh.points, size=size)
-        way = np.array([rigid.position(step / scene.steps.count) - rigid.path[0] for step in range(frames)])
-        moved = np.repeat(way[:, None], len(around), axis=1)
+        moved = np.repeat((centres(scene, frames) - rigid.path[0])[:, None], len(around), axis=1)
         points = np.concatenate([mesh.points, around])
     corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
     shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
+    way = {} if scene.obstacle is None else {"obstacle": centres(scene, frames)}
     moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
     extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "seconds": solution.seconds,
              "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure}
@@ -91,7 +92,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
                    "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released,
-                   **moving},
+                   **moving, **way},
         scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
         extra=extra)
 

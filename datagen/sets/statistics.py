@@ -91,7 +91,7 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
             row[name] = float(value.min())
         elif name == "newton_iterations":
             row[name] = float(value[1:].mean())
-        else:
+        elif name != "obstacle":
             row[f"{name}_largest"] = float(value.max())
     if "relative_residual" in trajectory.per_frame:
         row["solver_noise"] = float(trajectory.per_frame["relative_residual"].max()) * row["displacement_rms"]

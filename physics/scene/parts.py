@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from physics.schema import InputError, quantity
 
@@ -55,6 +56,13 @@ class Body:
     hole_radius: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     plane: str | None = quantity(None, choice=("strain", "stress"))
     thickness: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+
+    @staticmethod
+    def keys_for(table: dict[str, Any]) -> tuple[str, ...]:
+        """The keys that the shape of a table takes."""
+        shape = table.get("shape", "beam")
+        across = ("plane", "thickness") if shape in ("channel", "file") or table.get("cell") in PLANE_CELLS else ()
+        return ("shape", *KEYS.get(shape if isinstance(shape, str) else "", ()), "order", "element", *across)
 
     @property
     def extent(self) -> Vector:
@@ -125,6 +133,13 @@ class Obstacle:
 
     Its centre follows the way-points of `path`, reached at equal fractions of the steps, the first one at step 0.
     """
+
+    @staticmethod
+    def keys_for(table: dict[str, Any]) -> tuple[str, ...]:
+        """The keys that the shape of a table takes."""
+        shape = table.get("shape")
+        own = NEEDS.get(shape if isinstance(shape, str) else "", ()) + ("radius",) * (shape == "box")
+        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule")), "path", "contact")
 
     shape: str = quantity(choice=tuple(NEEDS))
     radius: float | None = quantity(None, unit="m", at_least=0)  # of a box: of its edges, by default a twentieth of its smallest side

@@ -8,6 +8,7 @@ Legend: N nodes of the body, M nodes of the obstacle, F facets, T frames. Length
 """
 
 from physics.view.drawing import Obstacle
-from physics.view.pictures import film, frame_picture, mode_film, mode_picture, mode_pictures, segment_picture
+from physics.view.pictures import film, frame_picture, mode_film, mode_picture, mode_pictures, segment_picture, still_picture
 
-__all__ = ["Obstacle", "film", "frame_picture", "mode_film", "mode_picture", "mode_pictures", "segment_picture"]
+__all__ = ["Obstacle", "film", "frame_picture", "mode_film", "mode_picture", "mode_pictures", "segment_picture",
+           "still_picture"]
