@@ -110,8 +110,7 @@ def one_size(cells: list[int], steps: int) -> dict:
     path = LoadPath(press(cells), build_mesh(press(cells).body))
     seconds, taken = cost(lambda: sum(path.advance(step / 400).iterations for step in range(1, steps + 1)))
     return {"nodes": len(path.balance.mesh.points), "steps": steps, "ms a step": 1e3 * seconds / steps, "Newton steps": taken,
-            "factorisations": path.newton.factorisations, "peak memory [MB]": round(footing.peak_memory()),
-            "factor": path.newton.tangent.solver.name}
+            "factorisations": path.newton.factorisations, "peak memory [MB]": round(footing.peak_memory())}
 
 
 def parts(table: footing.Table) -> None:

@@ -36,7 +36,8 @@ from benchmarks.mutants import PACKAGES, OperatorProvider, Wrong, draw, mutate_c
 
 BUDGET = 60.0  # seconds of tests beside those named after the module
 SETTINGS = {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow", "PYTHONNOUSERSITE": "1", "HWLOC_HIDE_ERRORS": "2",
-            "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OMPI_MCA_plm": "isolated", "OMPI_MCA_btl": "self"}  # as in `run`
+            "OMPI_MCA_plm": "isolated", "OMPI_MCA_btl": "self", "OMPI_ALLOW_RUN_AS_ROOT": "1",
+            "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}  # as in `run`
 
 
 @dataclass(frozen=True)
