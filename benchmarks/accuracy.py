@@ -90,7 +90,9 @@ def main():
     for name in next(iter(found.values())):
         table.add({"[m]": Path(options.run).name if name == "network" else name}
                   | {f"{data}: {error}": f"{rows[name][error]:.1e}" for data, rows in found.items() for error in ERRORS})
-        footing.say("".join(f"{data}, {name}: {rows[name]['ms']:.3g} ms a frame" for data, rows in found.items() if "ms" in rows[name]))
+        for data, rows in found.items():
+            if "ms" in rows[name]:
+                footing.say(f"{data}, {name}: {rows[name]['ms']:.3g} ms a frame")
     table.add({"[m]": "M4GN as published, on the original set"}
               | {f"{next(reversed(found))}: {error}": f"{value:.2e}" for error, value in zip(ERRORS, PUBLISHED, strict=True)})
 

@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import resource
 import shlex
 import sys
 
@@ -98,6 +99,6 @@ def test_numbers_stand_right_and_words_left_and_a_missing_entry_is_a_dash(capsys
 def test_a_child_is_a_process_of_its_own_with_a_memory_of_its_own():
     held = bytearray(200_000_000)
     held[::4096] = b"x" * len(held[::4096])
-    assert footing.peak_memory() > 200
+    assert 200 < footing.peak_memory() <= resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 + 1
     assert footing.child(footing.exponent, [1, 10, 100], [5, 500, 50_000]) == pytest.approx(2.0)
     assert footing.child(footing.peak_memory) < footing.peak_memory() - 100
