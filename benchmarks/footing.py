@@ -122,5 +122,6 @@ class Table:
 
 
 def _shown(entry: Any) -> str:
-    text = "–" if entry is None else f"{entry:.3g}" if isinstance(entry, float) else str(entry)
+    number = isinstance(entry, float)
+    text = "–" if entry is None else f"{entry:.0f}" if number and 999.5 <= abs(entry) < 1e6 else f"{entry:.3g}" if number else str(entry)
     return re.sub(r"(?<=\de)([+-])0(?=\d)", r"\1", text)

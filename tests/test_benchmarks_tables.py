@@ -89,11 +89,11 @@ def test_between_two_markers_stands_one_table(page):
 def test_numbers_stand_right_and_words_left_and_a_missing_entry_is_a_dash(capsys):
     table = footing.Table()
     table.add({"nodes": 10, "case": "a|b", "ms": 2.34567, "error": "1.0e-07"})
-    table.add({"nodes": 1000, "ms": 23.4567})
+    table.add({"nodes": 100_000, "ms": 2345.67})
     table.fit("ms")
     assert capsys.readouterr().out.splitlines() == [
-        "| nodes | case | ms | error |", "| ---: | --- | ---: | ---: |", r"| 10 | a\|b | 2.35 | 1.0e-7 |", "| 1000 | – | 23.5 | – |",
-        "| nodes^p, p = | – | 0.50 | – |"]  # ten times as long for a hundred times as many
+        "| nodes | case | ms | error |", "| ---: | --- | ---: | ---: |", r"| 10 | a\|b | 2.35 | 1.0e-7 |", "| 100000 | – | 2346 | – |",
+        "| nodes^p, p = | – | 0.75 | – |"]  # 10^3 times as long for 10^4 times as many
 
 
 def test_a_child_is_a_process_of_its_own_with_a_memory_of_its_own():
