@@ -131,7 +131,7 @@ def _say(options: Options, text: str) -> None:
         print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
 
 
-def _writable(path: str | Path | None, *suffixes: str) -> Any:
+def _writable(path: str | Path | None, *suffixes: str, option: str = "--out") -> Any:
     """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder.
 
     Folders that the check had to make are taken away again: wrong input leaves nothing behind.
@@ -141,9 +141,9 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
     path = Path(path)
     suffix = bool(suffixes)
     if suffix and path.suffix not in suffixes:
-        raise InputError(f"--out {path}: the name must end in {' or '.join(suffixes)}")
+        raise InputError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
     if (suffix and path.is_dir()) or (not suffix and path.exists() and not path.is_dir()):
-        raise InputError(f"--out {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
+        raise InputError(f"{option} {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
     folder = path.parent if suffix else path
     missing = [place for place in (folder, *folder.parents) if not place.exists()]  # the deepest first
     try:
@@ -152,7 +152,7 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise InputError(f"--out {path}: {error.strerror}") from None
+        raise InputError(f"{option} {path}: {error.strerror}") from None
     finally:
         for place in missing:
             if place.is_dir():
