@@ -167,4 +167,6 @@ class Chromium:
         while not (new := [path for path in set(self.folder.iterdir()) - before if path.suffix == ending and path.stat().st_size]):
             assert time.monotonic() < end, f"no {ending} came"
             time.sleep(0.05)
-        return new[0].read_bytes()
+        content = new[0].read_bytes()
+        new[0].unlink()  # a second one of this name would take its place
+        return content

@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 
 import pytest
 
+from learning.report.pareto import COLOURS
 from learning.report.report import SCALE, STYLE, write_report
 from learning.report.table import COLUMNS, KINDS, TABLES, headline
 from tests.rows import CASES, report, row, rows
@@ -145,7 +146,7 @@ def test_the_page_tells_the_colours_of_the_kinds_that_occur_and_the_columns_that
     assert re.findall(r'<span class="(\w+)">([^<]+)</span>', text) == [(kind, KINDS[kind]) for kind in (
         "learned", "hybrid", "trivial", "fe", "reference")]
     for kind in KINDS:
-        assert f".{kind} th[scope=row]" in STYLE
+        assert f".{kind}{{--kind:{COLOURS[kind]}}}" in STYLE and STYLE in text
     terms = re.findall("<dt>([^<]+)</dt>", text)
     assert terms == ["time", "time, set-up excluded", "RMSE-1", "RMSE-all", "Newton steps", "machine", "seed"]
     assert "The figure to compare by." in text

@@ -86,7 +86,8 @@ def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Mat
     stress = {name: at_nodes(mesh, np.array([von_mises(mesh, frame, material) for frame in motion.displacement]))
               for name, motion in exhibit.drawable.motions.items()}
     unit, factor = _readable(max((values.max() for values in stress.values()), default=0.0))
-    return replace(exhibit, motions={name: replace(motion, fields={f"von Mises stress [{unit}]": factor * stress[name]} if name in stress else {})
+    return replace(exhibit, motions={name: motion if name not in stress else
+                                     replace(motion, fields={f"von Mises stress [{unit}]": factor * stress[name]})
                                      for name, motion in exhibit.motions.items()})
 
 
@@ -181,9 +182,8 @@ def _drawn(motions: list[dict[str, Any]], quantities: list[dict[str, Any]]) -> s
     """How well the page shows what there is, in words."""
     off = {quantity["key"]: max(motion["within"].get(quantity["key"], 0.0) for motion in motions) for quantity in quantities}
     within = ", ".join(f"{each['name']} to {each['factor'] * off[each['key']]:.2g} {each['unit']}" for each in quantities)
-    shapes = max(motion["motion"]["rank"] for motion in motions)
-    return (f"The surface is drawn from at most {shapes} shapes for all frames of a motion, which keep {within}; "
-            "stress, where there is any, is the mean of the cells around a node. Figures and curve are of all nodes, before anything was left out.")
+    return (f"The surface is drawn from few shapes for all frames, which keep {within}; stress, where there is any, is the mean of the "
+            "cells around a node. Figures and curve are of all nodes, before anything was left out.")
 
 
 def _obstacle(obstacle: Obstacle | None, room: int) -> dict[str, Any] | None:

@@ -41,7 +41,7 @@ def compress(frames: NDArray[np.floating[Any]], tolerance: float, most: int | No
     """
     count = len(frames)
     left = np.array(frames, np.float64).reshape(count, -1)  # (T, n), a copy: the shapes are taken out of it
-    squares, over_time = np.linalg.eigh(left @ left.T)  # (T,), (T, T): the left singular vectors
+    _, over_time = np.linalg.eigh(left @ left.T)  # (T, T): the left singular vectors, the least important first
     coefficients, shapes = np.zeros((0, count), np.float32), np.zeros((0, left.shape[1]), np.int16)
     error = _largest(left, frames.shape[2])
     for vector in over_time.T[::-1][:most]:

@@ -45,8 +45,8 @@ def viewer(exhibits: Sequence[Exhibit]) -> str:
     names = {quantity["colours"] for content in contents for quantity in content["quantities"]}
     colours = {name: packed(np.rint(255 * colormaps[name](np.linspace(0, 1, 256))[:, :3]), "u1") for name in sorted(names)}
     data = json.dumps({"exhibits": contents, "colours": colours}, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    lost = "".join(f"<p>{escape(exhibit.title)}: {escape(', '.join(exhibit.blown_up))} cannot be drawn: not finite, or out of all bounds.</p>"
-                   for exhibit in exhibits if exhibit.blown_up)
+    lost = "".join(f"<p>{escape(exhibit.title)}: {escape(', '.join(exhibit.blown_up))} cannot be drawn: "
+                   "not finite, or out of all bounds.</p>" for exhibit in exhibits if exhibit.blown_up)
     return Template(_text("viewer.html")).substitute(
         style=_text("viewer.css"), data=data, script="\n".join(map(_text, SCRIPTS)), lost=lost, tables="".join(map(_table, contents)))
 
@@ -60,7 +60,8 @@ def _table(content: dict[str, Any]) -> str:
     columns = [(f"{motion['name']}: largest {quantity['name']} [{quantity['unit']}]", motion["curves"][quantity["key"]], quantity["factor"])
                for motion in content["motions"] for quantity in content["quantities"] if quantity["key"] in motion["curves"]]
     head = "".join(f"<th>{escape(name)}</th>" for name, _, _ in columns)
-    rows = "".join(f'<tr><th scope="row">{escape(frame)}</th>' + "".join(f"<td>{factor * curve[k]:.4g}</td>" for _, curve, factor in columns)
+    rows = "".join(f'<tr><th scope="row">{escape(frame)}</th>'
+                   + "".join(f"<td>{factor * curve[k]:.4g}</td>" for _, curve, factor in columns)
                    + "</tr>" for k, frame in enumerate(content["frames"]))
     return (f"<details><summary>{escape(content['title'])}: the figures of every frame</summary><p>{escape(content['drawn'])}</p>"
             f'<div class="wide"><table><tr><th>frame</th>{head}</tr>{rows}</table></div></details>')

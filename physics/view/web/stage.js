@@ -16,8 +16,11 @@ in vec3 at; in float level;
 uniform sampler2D colours; uniform vec4 plain; uniform float lit; uniform bool mapped;
 out vec4 colour;
 void main() {
-  vec3 normal = normalize(cross(dFdx(at), dFdy(at)));
-  float light = 1.0 - lit * (1.0 - abs(normal.z) * 0.85 - abs(normal.y) * 0.15);
+  float light = 1.0;
+  if (lit > 0.0) {  /* a line has no normal */
+    vec3 normal = normalize(cross(dFdx(at), dFdy(at)));
+    light -= lit * (1.0 - abs(normal.z) * 0.85 - abs(normal.y) * 0.15);
+  }
   vec4 own = mapped ? vec4(texture(colours, vec2(clamp(level, 0.0, 1.0) * 255.0 / 256.0 + 0.5 / 256.0, 0.5)).rgb, 1.0) : plain;
   colour = vec4(own.rgb * light * own.a, own.a);
 }`;
@@ -58,7 +61,7 @@ class Stage {
   /* Size of the canvas in pixels of the screen; `ratio` is height over width of a panel. Gives whether panels stand side by side. */
   resize(panels, ratio) {
     const width = this.canvas.clientWidth, beside = panels === 1 || width > 600;
-    const height = beside ? width / panels * ratio : width * ratio * panels;
+    const height = Math.min(0.75 * innerHeight, beside ? width / panels * ratio : width * ratio * panels);
     const pixels = [width, height].map(side => Math.round(side * devicePixelRatio));
     if (this.canvas.width !== pixels[0] || this.canvas.height !== pixels[1]) {
       this.canvas.style.height = `${Math.round(height)}px`;
@@ -98,7 +101,7 @@ class Stage {
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, index, gl.DYNAMIC_DRAW);
     gl.uniform1i(this.uniform("mapped"), values ? 1 : 0);
     gl.uniform4fv(this.uniform("plain"), plain || [0, 0, 0, 1]);
-    gl.uniform1f(this.uniform("lit"), lines ? 0 : 0.5);
+    gl.uniform1f(this.uniform("lit"), lines ? 0 : 0.4);
     gl.uniform1f(this.uniform("nearer"), lines || 0);
     const clear = plain && plain[3] < 1;
     gl.depthMask(!clear);

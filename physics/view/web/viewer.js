@@ -153,7 +153,7 @@ class Viewer {
       const digits = getComputedStyle(this.root).getPropertyValue(name).trim().slice(1);
       return [...(digits.length === 3 ? digits.replace(/./g, "$&$&") : digits).match(/../g).map(pair => parseInt(pair, 16) / 255), opacity];
     };
-    const ratio = Math.min(shown.length > 1 ? 0.85 : 0.6, Math.max(0.35, 1.1 * exhibit.camera.half[1] / exhibit.camera.half[0]));
+    const ratio = Math.min(shown.length > 1 ? 0.85 : 0.6, Math.max(0.45, 1.1 * exhibit.camera.half[1] / exhibit.camera.half[0]));
     this.beside = this.stage.resize(shown.length, ratio);
     this.stage.colours = this.colours[quantity.colours];
     const rigid = exhibit.rigid && {places: exhibit.obstacleAt(frame), index: exhibit.rigid.triangles, plain: [0.6, 0.62, 0.64, 0.55]};
@@ -178,7 +178,8 @@ class Viewer {
     const stops = Array.from({length: 17}, (_, i) => Math.round(i * 255 / 16)).map(i => `rgb(${map.slice(3 * i, 3 * i + 3).join()})`);
     this.find(".scale").style.background = `linear-gradient(to right, ${stops.join()})`;
     this.find(".scale").setAttribute("aria-label", `colours from ${this.find(".low").textContent} to ${three(top * factor)} ${unit}`);
-    const words = shown.map(motion => `${motion.name || exhibit.title} ${three(factor * this.curve(motion)[frame])} ${unit}`);
+    const words = shown.map(motion => `${three(factor * this.curve(motion)[frame])} ${unit} (${motion.name})`);
+    this.find(".worst").textContent = quantity.key === "error" ? "worst frame" : "largest frame";
     this.find(".said").textContent = `${exhibit.frames[frame]}: largest ${quantity.name} ${words.join(", ")}`;
     this.slider.setAttribute("aria-valuetext", exhibit.frames[frame]);
     const across = t => 1000 * t / Math.max(1, frames - 1);
