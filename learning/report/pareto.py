@@ -115,6 +115,6 @@ def _label(axes: Any, labels: list[tuple[str, tuple[float, float], str]]) -> boo
         offset, across, up = best
         axes.annotate(text, point, xytext=offset, textcoords="offset points", fontsize=8.5, ha=across, va=up, color=colour,
                       arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5} if max(map(abs, offset)) > 8 else None)
-        taken.append(where)
+        taken.append(where.padded(2))
         free = free and not fewest
     return free

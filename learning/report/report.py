@@ -40,7 +40,7 @@ from learning.report.table import (
     told,
 )
 from learning.samples.seen import ALARM
-from physics.view import Exhibit, shell, viewer
+from physics.view import Exhibit, section, shell
 
 HERE = Path(__file__).parent
 STYLE = (HERE / "report.css").read_text() + "".join(f".{kind}{{--kind:{colour}}}\n" for kind, colour in COLOURS.items())
@@ -140,7 +140,7 @@ def _page(report: Report, folder: Path, exhibits: Sequence[Exhibit]) -> str:
         "<h2>Inside or outside of what was trained on</h2>"
         f'<ul>{"".join(f"<li>{escape(line)}</li>" for line in _outside(report))}</ul>')
     worst = "<h2>Worst frames</h2>" + "".join(_picture(folder, *entry) for entry in report.pictures) if report.pictures else ""
-    moving = f"<h2>To be turned by hand</h2>{viewer(exhibits)}" if exhibits else ""
+    moving = f"<h2>To be turned by hand</h2>{section(exhibits)}" if exhibits else ""
     body = Template((HERE / "page.html").read_text()).substitute(
         title=escape(report.title), headline=_bold(headline(report)), alarm=f'<p class="alarm">{escape(alarm)}</p>' if alarm else "",
         pareto=_picture(folder, "pareto.png", SCALE[measure_of(report.rows)]),

@@ -27,7 +27,7 @@ ROOM = 6_000_000  # [bytes] for all motions of a page
 def write_page(path: str | Path, title: str, exhibits: Sequence[Exhibit], facts: dict[str, str]) -> None:
     """Write a page of its own, with what there is to say below, by its name. Raises OSError."""
     said = "".join(f"<dt>{escape(name)}</dt><dd>{escape(fact)}</dd>" for name, fact in facts.items())
-    write_whole(path, shell(title, f"<h1>{escape(title)}</h1>\n{viewer(exhibits)}\n<dl>{said}</dl>").encode())
+    write_whole(path, shell(title, f"<h1>{escape(title)}</h1>\n{section(exhibits)}\n<dl>{said}</dl>").encode())
 
 
 def shell(title: str, body: str, style: str = "") -> str:
@@ -35,7 +35,7 @@ def shell(title: str, body: str, style: str = "") -> str:
     return Template(_text("page.html")).substitute(title=escape(title), style=_text("page.css") + style, body=body)
 
 
-def viewer(exhibits: Sequence[Exhibit]) -> str:
+def section(exhibits: Sequence[Exhibit]) -> str:
     """The part of a page that shows exhibits, with its program and data; empty without any."""
     if not exhibits:
         return ""
