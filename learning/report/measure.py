@@ -75,7 +75,7 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
     for number, case in enumerate(cases):
         second = _second_truth(case, found.notes) if number in refined else None
         paths: dict[str, NDArray[np.float32]] = {}
-        errors: dict[str, list[float]] = {}
+        errors: list[float] = []
         for predictor in predictors:
             try:
                 prediction = _repeated(predictor, case, repeats)
@@ -94,10 +94,11 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             each[predictor.name].append(_scores(fidelity, prediction, case) | _against(second, path, case))
             with np.errstate(over="ignore"):
                 paths[predictor.name] = path.astype(np.float32)
-            errors.setdefault(predictor.kind, []).append(fidelity.rmse_all if np.isfinite(fidelity.rmse_all) else np.inf)
+            errors.append(fidelity.rmse_all)
             if predictor.kind == "learned":
                 found.frames.append(WorstFrame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
-        error = max(errors.get("learned") or [each for some in errors.values() for each in some], default=0.0)
+        learned = [frame.error for frame in found.frames if frame.case is case]
+        error = max((each if np.isfinite(each) else np.inf for each in learned or errors), default=0.0)
         if paths and (found.hardest is None or error > found.hardest.error):
             found.hardest = Hardest(case, paths, error)
         release()
