@@ -76,12 +76,17 @@ def verify(options: Options) -> dict[str, Any]:
 
 
 def view(options: Options) -> dict[str, Any]:
-    """A film of a trajectory."""
+    """A film of a trajectory, or a page in which it is turned by hand."""
     from datagen.files.trajectory import read_sound
+    from datagen.scene_verbs import write_path
     from physics.view import Obstacle, film
 
     trajectory = read_sound(options.trajectory, complete=False)
-    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif")
+    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif", ".html")
+    if out.suffix == ".html":
+        write_path(out, Path(options.trajectory).name, trajectory)
+        _say(options, f"page: {out}")
+        return {"html": str(out)}
     surface = None if trajectory.obstacle is None else Obstacle(*trajectory.obstacle)
     frames = film(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], obstacle=surface)
     _say(options, f"{frames} pictures: {out}")
@@ -201,7 +206,7 @@ def _parser() -> argparse.ArgumentParser:
     add = verb("verify", verify, "prediction").add_argument
     add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
     add("--out", help="folder for the figures and a picture of the worst frame")
-    verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
+    verb("view", view, "trajectory").add_argument("--out", help="film, .gif, or page, .html")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser
 

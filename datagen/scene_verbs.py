@@ -130,7 +130,7 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     if rank == 0:
         write_trajectory(out, trajectory)
         if html is not None:
-            _write_path(html, options, scene, trajectory)
+            write_path(html, f"The path of {Path(options.scene).name}", trajectory)
     steps = len(solution.displacement) - 1
     if solution.resumed:
         say(f"went on after step {solution.resumed}, which an earlier run had reached")
@@ -156,15 +156,19 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     return result
 
 
-def _write_path(html: Path, options: Options, scene: Any, trajectory: Any) -> None:
-    """The page of a path."""
+def write_path(html: Path, title: str, trajectory: Any) -> None:
+    """The page of a trajectory: its path to be turned and followed by hand, with stress where it has a scene. Raises `InputError`."""
     from datagen.files.trajectory import as_solved
+    from physics.scene import Scene
     from physics.view import Obstacle, path_exhibit, write_page
 
-    path, obstacle = trajectory.displacement[:, trajectory.body], trajectory.obstacle
-    last = len(path) - 1
-    shown = path_exhibit(Path(options.scene).stem, trajectory.mesh, {"finite elements": path}, as_solved(scene, trajectory, last).material,
-                         obstacle=obstacle and Obstacle(*obstacle), step_seconds=trajectory.extra.get("step_seconds"))
-    write_page(html, f"The path of {Path(options.scene).name}", [shown], {
+    path, obstacle, facts = trajectory.displacement[:, trajectory.body], trajectory.obstacle, trajectory.extra.get("model", {})
+    steps, material = len(path) - 1, None
+    if trajectory.scene:
+        scene = Scene.from_toml(trajectory.scene)
+        steps, material = scene.steps.count, as_solved(scene, trajectory, len(path) - 1).material
+    shown = path_exhibit(html.stem, trajectory.mesh, {"path": path}, material, obstacle=obstacle and Obstacle(*obstacle), steps=steps,
+                         step_seconds=trajectory.extra.get("step_seconds"))
+    write_page(html, title, [shown], {
         "mesh": f"{len(trajectory.mesh.points)} nodes, {len(trajectory.mesh.cells)} cells of the kind {trajectory.mesh.cell}",
-        "steps": f"{last} of {scene.steps.count}", **trajectory.extra["model"]})
+        "steps": f"{len(path) - 1} of {steps}", **facts})

@@ -253,17 +253,29 @@ def test_a_simulation_that_fails_says_what_is_kept_and_keeps_its_journal(solved,
 
 def test_a_simulation_is_written_as_a_page_also_when_it_ends_early(solved, monkeypatch, capsys, tmp_path):
     page, path = tmp_path / "t.html", bending(cells=(4, 1, 1), steps=3)
-    made = replace(path, extra={"model": {"inertia": "left out"}})
+    made = replace(path, extra={"model": {"inertia": "left out"}}, scene=beam().to_toml())
     monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: made)
     result = json.loads(called(capsys, "simulate", solved.scene, "--out", solved.out, "--html", page, "--json")[1])
     assert result["html"] == str(page)
     text = page.read_text()
-    assert "<h1>The path of s.toml</h1>" in text and "<dt>steps</dt><dd>3 of 20</dd>" in text and "<dt>inertia</dt><dd>left out</dd>" in text
-    # By beam theory, pressed by 19 mm at 70 of 100 mm, the tip goes 19 (300 - 70) / 140 = 31.21 mm down and 10 * 19 * 3 / 140 = 4.07 aside.
+    assert "<h1>The path of s.toml</h1>" in text
+    assert "<dt>steps</dt><dd>3 of 20</dd>" in text and "<dt>inertia</dt><dd>left out</dd>" in text
+    # By beam theory, pressed by 19 mm at 70 of 100 mm, the tip goes 19 (300 - 70) / 140 = 31.21 mm down and 10 * 19 * 3 / 140 aside.
     assert "<td>31.48</td>" in text
     page.unlink()
     solved.solution.failure = "no equilibrium at step 4"
     assert called(capsys, "simulate", solved.scene, "--out", solved.out, "--html", page)[0] == 1 and page.exists()
+
+
+def test_a_trajectory_is_viewed_as_a_page_too(capsys, tmp_path):
+    """One without a scene, as an imported one is, has no stress."""
+    for scene, stress in (("", 0), (beam().to_toml(), 2)):  # of the frame that was reached, by its number and the rest state's
+        write_trajectory(tmp_path / "t.vtkhdf", replace(bending(cells=(4, 1, 1), steps=1), scene=scene))
+        page = tmp_path / "t.html"
+        assert called(capsys, "view", tmp_path / "t.vtkhdf", "--out", page) == (0, f"page: {page}\n", "")
+        table = page.read_text().split("<table>")[1].split("</table>")[0]
+        assert table.count("largest displacement [mm]") == 1 and ("von Mises" in table) == bool(stress)
+        assert table.count("<td>31.48</td>") == 1 and table.count("<td>") == 2 + stress
 
 
 def test_simulate_takes_solid_bodies_of_first_order(capsys, tmp_path):

@@ -90,6 +90,13 @@ def test_the_tables_hold_the_figures_of_every_frame(page):
     assert [float(row[head.index("nothing: largest error [mm]")]) for row in rows] == pytest.approx(np.linspace(0, 30, 9), rel=1e-3)
 
 
+def test_the_page_says_how_far_off_each_motion_is_drawn(page):
+    text, motions = page.read_text(), content(page)["exhibits"][0]["motions"]
+    assert [motion["name"] for motion in motions] == ["guess", "nothing", "fe"]
+    assert f"At most off by: {'; '.join(motion['drawn'] for motion in motions)}." in text
+    assert "fe: error 0 mm, displacement 0.000" in text
+
+
 def test_no_exhibits_make_no_viewer():
     assert section([]) == ""
 
@@ -144,6 +151,7 @@ def test_it_opens_without_a_complaint_and_without_the_network(browser):
              if message["method"] == "Network.requestWillBeSent"}
     assert asked <= {"file", "data", "blob"} and "file" in asked
     assert browser.run("document.querySelector('.said').textContent") == "step 8 of 8: largest error 4 mm (guess), 0 mm (fe)"
+    assert browser.run("document.querySelector('.drawn').textContent").split("; ")[1].startswith("fe: error 0 mm, displacement 0.000")
 
 
 @browser_needed

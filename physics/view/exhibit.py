@@ -70,10 +70,11 @@ class Exhibit:
         return replace(self, motions={name: motion for name, motion in self.motions.items() if name not in self.blown_up})
 
 
-def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Material, *, truth: str = "", obstacle: Obstacle | None = None,
-                 first: int = 0, steps: int | None = None, step_seconds: float | None = None) -> Exhibit:
+def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Material | None, *, truth: str = "",
+                 obstacle: Obstacle | None = None, first: int = 0, steps: int | None = None, step_seconds: float | None = None) -> Exhibit:
     """Paths (T, N, 3) [m] of one body with their von Mises stress, at most FRAMES of their frames, evenly spread.
 
+    material: without one there is no stress
     first: number of the first frame; steps: that of the last step, T - 1 when it is not given
     step_seconds: of a body with inertia
     """
@@ -83,6 +84,8 @@ def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Mat
     names = [f"step {first + k} of {last}" + ("" if step_seconds is None else f", {(first + k) * step_seconds:.4g} s") for k in chosen]
     exhibit = Exhibit(title=title, mesh=mesh, motions={name: Motion(displacement=path[chosen]) for name, path in paths.items()},
                       frames=names, truth=truth, obstacle=obstacle and Obstacle(obstacle.points[chosen], obstacle.triangles))
+    if material is None:
+        return exhibit
     stress = {name: at_nodes(mesh, np.array([von_mises(mesh, frame, material) for frame in motion.displacement]))
               for name, motion in exhibit.drawable.motions.items()}
     unit, factor = _readable(max((values.max() for values in stress.values()), default=0.0))
@@ -137,7 +140,8 @@ def stored(exhibit: Exhibit, room: int) -> dict[str, Any]:
             "triangles": packed(np.concatenate([_triangles(part) for part in facets]), "<u4"),
             "edges": packed(np.unique(np.concatenate([_sides(part) for part in facets]), axis=0), "<u4"),
             "outline": packed(number[feature_edges(mesh)], "<u4"), "obstacle": _obstacle(exhibit.obstacle, room),
-            "motions": motions, "quantities": quantities, "drawn": _drawn(motions, quantities)}
+            "quantities": quantities,
+            "motions": [motion | {"drawn": _drawn(motion, quantities)} for motion in motions]}
 
 
 def _motion(name: str, motion: Motion, shown: NDArray[np.int64], truth: Motion | None, base: Shapes | None, room: int) -> dict[str, Any]:
@@ -178,12 +182,11 @@ def _quantities(exhibit: Exhibit) -> list[dict[str, Any]]:
     return found[::-1] if still else found  # where nothing moves the value comes first
 
 
-def _drawn(motions: list[dict[str, Any]], quantities: list[dict[str, Any]]) -> str:
-    """How well the page shows what there is, in words."""
-    off = {quantity["key"]: max(motion["within"].get(quantity["key"], 0.0) for motion in motions) for quantity in quantities}
-    within = ", ".join(f"{each['name']} to {each['factor'] * off[each['key']]:.2g} {each['unit']}" for each in quantities)
-    return (f"The surface is drawn from few shapes for all frames, which keep {within}; stress, where there is any, is the mean of the "
-            "cells around a node. Figures and curve are of all nodes, before anything was left out.")
+def _drawn(motion: dict[str, Any], quantities: list[dict[str, Any]]) -> str:
+    """How far off a motion is drawn at most, in words."""
+    within = [f"{each['name']} {each['factor'] * motion['within'][each['key']]:.2g} {each['unit']}" for each in quantities
+              if each["key"] in motion["within"]]
+    return f"{motion['name']}: {', '.join(within)}"
 
 
 def _obstacle(obstacle: Obstacle | None, room: int) -> dict[str, Any] | None:

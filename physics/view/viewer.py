@@ -63,5 +63,6 @@ def _table(content: dict[str, Any]) -> str:
     rows = "".join(f'<tr><th scope="row">{escape(frame)}</th>'
                    + "".join(f"<td>{factor * curve[k]:.4g}</td>" for _, curve, factor in columns)
                    + "</tr>" for k, frame in enumerate(content["frames"]))
-    return (f"<details><summary>{escape(content['title'])}: the figures of every frame</summary><p>{escape(content['drawn'])}</p>"
+    return (f"<details><summary>{escape(content['title'])}: the figures of every frame</summary>"
+            f"<p>At most off by: {escape('; '.join(motion['drawn'] for motion in content['motions']))}.</p>"
             f'<div class="wide"><table><tr><th>frame</th>{head}</tr>{rows}</table></div></details>')

@@ -85,7 +85,6 @@ class Viewer {
     this.left.value = String(Math.max(0, names.findIndex(name => name !== exhibit.truth)));
     this.right.value = String(truth >= 0 && names.length > 1 ? truth : names.length);
     this.find(".about-truth").hidden = truth < 0 || names.length < 2;
-    this.find(".drawn").textContent = exhibit.drawn;
     this.fill(this.find(".quantity"), exhibit.quantities.map(quantity => quantity.name));
     this.slider.max = exhibit.frames.length - 1;
     this.find(".time").hidden = exhibit.frames.length < 2;
@@ -180,6 +179,7 @@ class Viewer {
     this.find(".scale").setAttribute("aria-label", `colours from ${this.find(".low").textContent} to ${three(top * factor)} ${unit}`);
     const words = shown.map(motion => `${three(factor * this.curve(motion)[frame])} ${unit} (${motion.name})`);
     this.find(".worst").textContent = quantity.key === "error" ? "worst frame" : "largest frame";
+    this.find(".drawn").textContent = shown.map(motion => motion.drawn).join("; ");
     this.find(".said").textContent = `${exhibit.frames[frame]}: largest ${quantity.name} ${words.join(", ")}`;
     this.slider.setAttribute("aria-valuetext", exhibit.frames[frame]);
     const across = t => 1000 * t / Math.max(1, frames - 1);
