@@ -107,7 +107,7 @@ def test_edges_are_those_of_the_facets_each_once_and_the_outline_is_the_box():
 
 def test_what_blows_up_is_left_out_and_named():
     paths = {"fine": bent(), "nan": bent(), "far": bent(), "almost": bent()}
-    paths["nan"][3, 0, 0], paths["far"][3, 0, 0], paths["almost"][3, 0, 0] = np.nan, 1.1e5, 0.9e5  # a million lengths of 0.1 m
+    paths["nan"][3, 0, 0], paths["far"][3, 0, 0], paths["almost"][3, 0, 0] = np.nan, 110.0, 90.0  # a thousand lengths of 0.1 m
     exhibit = path_exhibit("t", MESH, paths, RUBBER, truth="fine")
     assert exhibit.blown_up == ["nan", "far"] and list(exhibit.drawable.motions) == ["fine", "almost"]
     assert exhibit.motions["nan"].fields == {} and stored(exhibit.drawable, ROOM)["motions"][1]["name"] == "almost"

@@ -27,7 +27,7 @@ from physics.view.pictures import ERROR_COLOURS, SIZE_COLOURS, VALUE_COLOURS
 
 FIELD_COLOURS = "plasma"
 MOTION, COLOUR = 1e-4, 1 / 512  # what may be left out: of the largest displacement; half a level of colour of whatever is coloured
-FARTHEST = 1e6  # a motion that takes a node so many lengths of the body away is not shown
+FARTHEST = 1e3  # a motion that takes a node so many lengths of the body away is not shown
 FRAMES = 401  # at most
 
 
@@ -67,7 +67,8 @@ class Exhibit:
     @property
     def drawable(self) -> Exhibit:
         """The same without those."""
-        return replace(self, motions={name: motion for name, motion in self.motions.items() if name not in self.blown_up})
+        lost = self.blown_up
+        return replace(self, motions={name: motion for name, motion in self.motions.items() if name not in lost})
 
 
 def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Material | None, *, truth: str = "",

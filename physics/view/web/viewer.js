@@ -59,6 +59,7 @@ class Viewer {
     });
     canvas.addEventListener("contextmenu", event => event.preventDefault());
     canvas.addEventListener("wheel", event => {
+      if (document.activeElement !== canvas) return;  /* who only scrolls past it does not zoom */
       event.preventDefault();
       this.camera.zoom *= Math.exp(-0.0015 * event.deltaY);
       this.draw();
