@@ -3,8 +3,9 @@
 The wrongs are cosmic-ray's: another arithmetic or comparing operator, a number one more or less, `not`, and/or, True/False,
 break/continue, no sign, a loop without turns, no decorator, another exception. Drawn are places, all equally likely, and then one
 wrong for each; left out are annotations and protocols, the words of messages (`raise` statements and strings), which no test should
-hold, assertions and what else guards the code against itself (zip's strict, dataclasses' frozen), `is` in place of ==, and what
-cosmic-ray cannot write. The tests nearest to a module are the test files named after it and the four that import it and the
+hold, assertions and what else guards the code against itself (zip's strict, dataclasses' frozen), `is` in place of ==, how thick and
+how large lines and letters of pictures are, the -1 of a reshape, for which numpy takes any negative number, and what cosmic-ray
+cannot write. The tests nearest to a module are the test files named after it and the four that import it and the
 least beside it; where there are neither, those of the modules that import it.
 """
 
@@ -22,6 +23,8 @@ from cosmic_ray.operators.provider import OperatorProvider
 
 PACKAGES = ("physics", "datagen", "learning")
 GUARDS = ("strict", "frozen", "kw_only")  # arguments by which code guards itself, like its assertions
+LOOKS = ("alpha", "dpi", "fontsize", "indent", "labelpad", "labelsize", "line_width", "lw", "zorder",
+         "ambient", "diffuse", "intensity", "opacity", "specular")
 NEAR = 4  # test files beside those named after the module
 
 
@@ -60,8 +63,10 @@ def _silent(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]
             parts = [node.annotation]
         elif isinstance(node, ast.FunctionDef):
             parts = [node.returns]
-        elif isinstance(node, ast.keyword) and node.arg in GUARDS:
+        elif isinstance(node, ast.keyword) and node.arg in GUARDS + LOOKS:
             parts = [node.value]
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
+            parts = [size for size in node.args if isinstance(size, ast.UnaryOp)]
         elif isinstance(node, ast.ClassDef) and any(isinstance(base, ast.Name) and base.id == "Protocol" for base in node.bases):
             parts = [node]
         elif isinstance(node, ast.Assign) and isinstance(node.value, ast.BinOp) and isinstance(node.value.op, ast.BitOr):
