@@ -11,13 +11,14 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
 from datagen.files.prediction import finite
 from datagen.scene_verbs import add_scene_verbs
 from datagen.verbs import VERBS, add_data_verbs
+from datagen.ways import EXAMPLES, Completion, Version
 from learning.verbs import add_learning_verbs
 from physics.schema import InputError, WorkError
 
@@ -76,14 +77,19 @@ def verify(options: Options) -> dict[str, Any]:
 
 
 def view(options: Options) -> dict[str, Any]:
-    """A film of a trajectory (.gif), or one frame of it (.png)."""
+    """A film of a trajectory (.gif), one frame of it (.png), or a page in which it is turned by hand (.html)."""
     from datagen.files.trajectory import read_sound
+    from datagen.scene_verbs import write_path
     from physics.view import Obstacle, film, still_picture
 
-    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif", ".png")
+    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif", ".png", ".html")
     if options.frame is not None and out.suffix != ".png":
         raise InputError(f"--frame {options.frame}: is for a picture, --out NAME.png")
     trajectory = read_sound(options.trajectory, complete=False)
+    if out.suffix == ".html":
+        write_path(out, Path(options.trajectory).name, trajectory)
+        _say(options, f"page: {out}")
+        return {"html": str(out)}
     surface = None if trajectory.obstacle is None else Obstacle(*trajectory.obstacle)
     if out.suffix == ".png":
         last = len(trajectory.displacement) - 1
@@ -141,7 +147,7 @@ def _say(options: Options, text: str) -> None:
         print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
 
 
-def _writable(path: str | Path | None, *suffixes: str) -> Any:
+def _writable(path: str | Path | None, *suffixes: str, option: str = "--out") -> Any:
     """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder.
 
     Folders that the check had to make are taken away again: wrong input leaves nothing behind.
@@ -151,9 +157,9 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
     path = Path(path)
     suffix = bool(suffixes)
     if suffix and path.suffix not in suffixes:
-        raise InputError(f"--out {path}: the name must end in {' or '.join(suffixes)}")
+        raise InputError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
     if (suffix and path.is_dir()) or (not suffix and path.exists() and not path.is_dir()):
-        raise InputError(f"--out {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
+        raise InputError(f"{option} {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
     folder = path.parent if suffix else path
     missing = [place for place in (folder, *folder.parents) if not place.exists()]  # the deepest first
     try:
@@ -162,57 +168,12 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise InputError(f"--out {path}: {error.strerror}") from None
+        raise InputError(f"{option} {path}: {error.strerror}") from None
     finally:
         for place in missing:
             if place.is_dir():
                 place.rmdir()
     return path
-
-
-EXAMPLES = {
-    "modes": "press.toml --count 6 --out modes.vtu", "simulate": "press.toml --set obstacle.radius=0.012 --out press.vtkhdf",
-    "generate": "demo --out data", "segment": "press.vtkhdf --segments 12 --picture segments.png",
-    "train": "learning/configs/m4gn-small.toml --data data --out run --seconds 600", "rollout": "run press.vtkhdf --out p.vtkhdf",
-    "evaluate": "run --data data --out report", "pareto": "press.toml --run run --predictor mymodule:model --out pareto",
-    "verify": "p.vtkhdf --reference press.vtkhdf --out report", "view": "press.vtkhdf --out press.gif", "demo": "--out demo",
-    "dataset check": "data --steps 5", "dataset stats": "data --refined 10", "dataset card": "data",
-    "dataset pack": "data --tolerance 1e-6 --out data.pack", "dataset unpack": "data.pack --out data",
-    "dataset import": "deforming_plate --out plate", "dataset export": "data --out records"}
-
-
-class _Version(argparse.Action):
-    """Prints the version and, in a checkout, the commit."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        from datagen.files.provenance import commit, release
-
-        print(f"fidelity {release()}" + (f" ({commit()})" if commit() else ""))
-        parser.exit()
-
-
-class _Completion(argparse.Action):
-    """Prints what a shell needs to complete verbs, options and their choices."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        cases = "".join(f'    "{verb}") words="{words}";;\n' for verb, words in _words(parser, ""))
-        print("# bash: source <(fidelity --completion); zsh: autoload -U bashcompinit && bashcompinit before that\n"
-              "_fidelity() {\n  local verb=${COMP_WORDS[1]} words\n  ((COMP_CWORD > 1)) || verb=\n"
-              '  [[ $verb != dataset ]] || ((COMP_CWORD == 2)) || verb="dataset ${COMP_WORDS[2]}"\n'
-              f'  case "$verb" in\n{cases}  esac\n'
-              '  COMPREPLY=($(compgen -W "$words" -- "${COMP_WORDS[COMP_CWORD]}"))\n}\ncomplete -o default -F _fidelity fidelity ./run')
-        parser.exit()
-
-
-def _words(parser: argparse.ArgumentParser, verb: str) -> Iterator[tuple[str, str]]:
-    """Each verb with the words that may follow it."""
-    words: list[str] = []
-    for action in parser._actions:
-        words += [*action.option_strings, *(action.choices or ())]
-        if isinstance(action, argparse._SubParsersAction):
-            for name, below in action.choices.items():
-                yield from _words(below, f"{verb} {name}".strip())
-    yield verb, " ".join(words)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -231,8 +192,8 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="fidelity", description="Physics fidelity of learned mesh simulators, held against finite elements.")
-    parser.add_argument("--version", action=_Version, nargs=0, help="the version and the commit")
-    parser.add_argument("--completion", action=_Completion, nargs=0, help="what bash or zsh needs: source <(fidelity --completion)")
+    parser.add_argument("--version", action=Version, nargs=0, help="the version and the commit")
+    parser.add_argument("--completion", action=Completion, nargs=0, help="what bash or zsh needs: source <(fidelity --completion)")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
 
     def verb(name: str, function: Callable[[Options], dict[str, Any]], *positional: str, into: Any = verbs,
@@ -268,7 +229,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--reference", required=True, help="trajectory of finite elements, with its scene in it; or a folder of them")
     add("--out", help="folder for the figures and a picture of the worst frame")
     add = verb("view", view, "trajectory").add_argument
-    add("--out", help="film, .gif, or one frame, .png")
+    add("--out", help="film, .gif, one frame, .png, or page, .html")
     add("--frame", type=_count, help="of the picture, the rest state being 0 (the last)")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser

@@ -4,6 +4,7 @@
     family/   what scenes are drawn
     sets/     a folder of trajectories: planned, made, checked, described, packed, exchanged
     scene_verbs, verbs   the command line's share: of scenes, and of folders of trajectories
+    ways      its version, examples and completion
 
 Imports physics, and nothing of learning. What a user calls is importable from here:
 `from datagen import load_family, generate, read_trajectory`.

@@ -12,9 +12,10 @@ import pytest
 
 import fidelity
 from datagen.files.provenance import commit
+from datagen.ways import EXAMPLES, words_after
 from tests.pages import ROOT
 
-VERBS = [verb for verb, _ in fidelity._words(fidelity._parser(), "") if verb not in ("", "dataset")]
+VERBS = [verb for verb, _ in words_after(fidelity._parser(), "") if verb not in ("", "dataset")]
 
 
 def test_the_version_is_that_of_the_project_and_names_the_commit(capsys):
@@ -46,7 +47,7 @@ def test_every_verb_has_one_example_in_its_help_that_it_takes(verb, capsys):
     line, = re.findall(r"^example:\n  fidelity (.*)$", capsys.readouterr().out, re.MULTILINE)
     assert stop.value.code == 0 and line.startswith(f"{verb} ")
     options = fidelity._parser().parse_args(shlex.split(line))
-    assert isinstance(options, argparse.Namespace) and set(fidelity.EXAMPLES) == set(VERBS)
+    assert isinstance(options, argparse.Namespace) and set(EXAMPLES) == set(VERBS)
 
 
 def test_it_runs_as_a_module_from_elsewhere(tmp_path):
