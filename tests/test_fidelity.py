@@ -332,7 +332,7 @@ def test_a_film_lies_beside_its_trajectory_and_shows_the_body_and_its_obstacle(m
     assert np.array_equal(u, trajectory.displacement[:, trajectory.body]) and len(mesh.points) == 99
     assert np.array_equal(obstacle.points, trajectory.obstacle[0]) and np.array_equal(obstacle.triangles, trajectory.obstacle[1])
     assert called(capsys, "view", tmp_path / "none.vtkhdf", "--out", tmp_path / "x.avi") == (  # before anything is read
-        2, "", f"fidelity: --out {tmp_path / 'x.avi'}: the name must end in .gif or .png\n")
+        2, "", f"fidelity: --out {tmp_path / 'x.avi'}: the name must end in .gif or .png or .html\n")
 
 
 def test_one_frame_is_a_picture_the_last_one_unless_another_is_named(capsys, tmp_path):

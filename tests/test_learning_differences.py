@@ -49,10 +49,10 @@ def test_rows_of_runs_carry_what_differs_between_them(monkeypatch, tmp_path, oth
     kept = {}
     monkeypatch.setattr(module, "read_seen", lambda run: None)
     monkeypatch.setattr(module, "warm_up", lambda scene: None)
-    monkeypatch.setattr(module, "measure", lambda *given, **how: SimpleNamespace(rows=rows(), notes=[], frames=[], solved_again=0.0))
+    monkeypatch.setattr(module, "measure", lambda *given, **how: SimpleNamespace(rows=rows(), notes=[], frames=[], hardest=None, solved_again=0.0))
     monkeypatch.setattr(module, "_facts", lambda *given: {})
     monkeypatch.setattr(module, "_limits", lambda *given: [])
-    monkeypatch.setattr(module, "write_report", lambda out, report: kept.update(report=report) or {"summary": ""})
+    monkeypatch.setattr(module, "write_report", lambda out, report, shown: kept.update(report=report) or {"summary": ""})
     module.report_on([], [SimpleNamespace(name="c", scene=None)], tmp_path, title="", runs=runs, refined=0)
     assert [each.about for each in kept["report"].rows] == [*words, "", "", "", ""]
     assert ("nothing but their seed" in kept["report"].notes[-1]) is chance and len(kept["report"].notes) == 1
