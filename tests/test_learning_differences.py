@@ -49,7 +49,8 @@ def test_rows_of_runs_carry_what_differs_between_them(monkeypatch, tmp_path, oth
     kept = {}
     monkeypatch.setattr(module, "read_seen", lambda run: None)
     monkeypatch.setattr(module, "warm_up", lambda scene: None)
-    monkeypatch.setattr(module, "measure", lambda *given, **how: SimpleNamespace(rows=rows(), notes=[], frames=[], hardest=None, solved_again=0.0))
+    found = SimpleNamespace(rows=rows(), notes=[], frames=[], hardest=None, solved_again=0.0)
+    monkeypatch.setattr(module, "measure", lambda *given, **how: found)
     monkeypatch.setattr(module, "_facts", lambda *given: {})
     monkeypatch.setattr(module, "_limits", lambda *given: [])
     monkeypatch.setattr(module, "write_report", lambda out, report, shown: kept.update(report=report) or {"summary": ""})
