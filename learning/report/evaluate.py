@@ -59,7 +59,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         raise InputError("no trajectories to evaluate on")
     model = load_model(run)
     cases = load_cases(files)
-    alone = [estimated()] if model.config.estimate else []
+    alone = [estimated("M4GN, its estimate alone")] if model.config.estimate else []
     predictors = [learned(model), *alone, corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
                   elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
