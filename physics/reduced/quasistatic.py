@@ -2,8 +2,8 @@
 
 How a body moves in a small space and yields locally at one pose stands in pose.py. The path is followed through a few dozen poses,
 closer where contact begins, and what lies between two of them is interpolated. c = Phi^T f(u) - dW/dq, what the body's own law
-has beyond the polynomial W, is taken from the poses before and put right at each. The path is followed twice: the answers of the
-rest stiffness, turned with the body, to the forces that a few poses leave over join the space before the second time.
+has beyond the polynomial W, is taken from the poses before and put right at each. Before, the path is followed twice through few
+of the poses: the answers of the rest stiffness, turned with the body, to the forces that are left over there join the space.
 Legend: N body nodes, M = 3 N, T frames.
 """
 
@@ -28,14 +28,13 @@ from physics.schema import InputError
 
 Floats = NDArray[np.float64]
 POSES, GRADED = 48, 1.6  # poses along a part of the path, the k-th of n at (k / n)^GRADED of it
-SPARSE = 6  # at every so many of the poses the path is followed the first time
+SPARSE = 6  # every so many of the poses are these few
 STRIDE = 0.2  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
 STRAIGHT = 0.99  # cosine of the angle between two steps from which on the path has no corner
 ENRICHING = (0.35, 0.7, 1.0)  # where on the touching part of the path the space is enriched
-ENRICHMENTS = 2  # rounds of it at most
-ENOUGH = 1e-2  # cell sizes: when the answers are smaller, one round is enough
+ENRICHMENTS = 2  # rounds of it, through a few of the poses
 ROUNDS = 3  # solutions at a pose at most
-EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
+EXACT = 2e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
 
 
 @dataclass(frozen=True)
@@ -80,17 +79,18 @@ class Estimator:
         loads[elastic.held] = 0.0
         press = Press(self.mesh, self.size, self.surface, self.obstacle, elastic, Reduced(elastic, derivatives(elastic, loads, depth)))
         parts = self._pieces(max(first - 1, 0))
+        if not parts:  # the obstacle stands still
+            return
         poses = np.unique(np.concatenate(parts))
         ahead = np.linalg.norm(self.centres[poses] - self.centres[poses[0]], axis=1)
         ahead = ahead[:ahead.argmax() + 1]  # the way there, not back
         enriching = poses[np.unique([abs(ahead - share * ahead[-1]).argmin() for share in ENRICHING])]
-        found = self._follow(press, np.union1d(poses[::SPARSE], enriching))
+        few = np.union1d(poses[::SPARSE], enriching)
         for _ in range(ENRICHMENTS):
+            found = self._follow(press, few)
             left = [found[frame].answer.ravel() for frame in enriching.tolist()]
             press = press.within(Reduced(elastic, [*press.model.space.T, *left]))
-            found = self._follow(press, poses)
-            if max(abs(found[frame].answer).max() for frame in enriching.tolist()) < ENOUGH * self.size:
-                break
+        found = self._follow(press, poses)
         self._known = {frame: np.array([press.displacement(one.state), one.answer]) for frame, one in found.items()}
         for part in parts:
             smooth = Akima1DInterpolator if len(part) > 2 else PchipInterpolator  # two poses have a straight line between them
@@ -137,13 +137,13 @@ class Estimator:
                         local=last.state.local + share * (last.state.local - before.state.local))
         c, answer = last.beyond + share * (last.beyond - before.beyond), np.zeros_like(self.mesh.points)
         state = press.newton(centre, guess, c) or press.advance(centre, last.state, c)
-        for _ in range(ROUNDS):
+        for left in reversed(range(ROUNDS)):
             u = press.displacement(state).ravel()
             force = press.elastic.internal(u)
             if not np.isfinite(force).all():  # a cell is inside out
                 return Solved(state, c, answer)
             known, c = c, press.model.space.T @ force - press.model.slope(state.q)
-            if abs(press.model.space @ (c - known)).max() < EXACT * min(self.size, abs(u).max()):
+            if not left or abs(press.model.space @ (c - known)).max() < EXACT * min(self.size, abs(u).max()):
                 break
             state = press.advance(centre, state, c)
         return Solved(state, c, press.elastic.answer(u, state.push - force).reshape(-1, 3))
