@@ -31,7 +31,7 @@ from learning.report.table import Report, Row, best_learned
 from learning.samples.seen import Seen, outside, read_seen
 from physics.scene import Scene
 from physics.schema import InputError
-from physics.view import Obstacle, frame_picture
+from physics.view import ObstacleSurface, frame_picture
 
 WORST = 5  # pictures
 SAMPLE = 25  # frames of a trajectory at which the equations are checked
@@ -121,7 +121,7 @@ def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
         case, step, surface = frame.case, frame.step, frame.case.trajectory.obstacle
         name = f"frame_{case.name}.png"
         frame_picture(out / name, case.mesh, prediction=frame.displacement, truth=case.truth[step], step=step, steps=case.steps,
-                      obstacle=None if surface is None else Obstacle(*surface).at(step), names=(frame.predictor, "finite elements"))
+                      obstacle=None if surface is None else ObstacleSurface(*surface).at(step), names=(frame.predictor, "finite elements"))
         pictures.append((name, f"Test trajectory {case.name}, RMSE-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
                                "where the rollout is farthest from the truth. Left the prediction, coloured by its error, over the "
                                "outline of the truth; right the truth."))

@@ -7,7 +7,7 @@
 Legend: N nodes of the body, M nodes of the obstacle, F facets, T frames. Lengths in [m] come in, pictures show [mm].
 """
 
-from physics.view.drawing import Obstacle
+from physics.view.drawing import ObstacleSurface
 from physics.view.pictures import film, frame_picture, mode_film, mode_picture, mode_pictures, segment_picture
 
-__all__ = ["Obstacle", "film", "frame_picture", "mode_film", "mode_picture", "mode_pictures", "segment_picture"]
+__all__ = ["ObstacleSurface", "film", "frame_picture", "mode_film", "mode_picture", "mode_pictures", "segment_picture"]
