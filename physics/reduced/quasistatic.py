@@ -2,8 +2,8 @@
 
 How a body moves in a small space and yields locally at one pose stands in pose.py. The path is followed through a few dozen poses,
 closer where contact begins, and what lies between two of them is interpolated. c = Phi^T f(u) - dW/dq, what the body's own law
-has beyond the polynomial W, is taken from the poses before and put right at each. Before, the path is followed twice through few
-of the poses: the answers of the rest stiffness, turned with the body, to the forces that are left over there join the space.
+has beyond the polynomial W, is taken from the poses before and put right at each. Before, it is followed through few of the
+poses: the answers of the rest stiffness, turned with the body, to the forces that are left over there join the space.
 Legend: N body nodes, M = 3 N, T frames.
 """
 
@@ -32,9 +32,10 @@ SPARSE = 6  # every so many of the poses are these few
 STRIDE = 0.2  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
 STRAIGHT = 0.99  # cosine of the angle between two steps from which on the path has no corner
 ENRICHING = (0.35, 0.7, 1.0)  # where on the touching part of the path the space is enriched
-ENRICHMENTS = 2  # rounds of it, through a few of the poses
+ENRICHMENTS = 2  # rounds of it at most, through a few of the poses
+ENOUGH = 1e-2  # cell sizes: when the answers are smaller, one round is enough
 ROUNDS = 3  # solutions at a pose at most
-EXACT = 2e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
+EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
 
 
 @dataclass(frozen=True)
@@ -86,9 +87,11 @@ class Estimator:
         ahead = ahead[:ahead.argmax() + 1]  # the way there, not back
         enriching = poses[np.unique([abs(ahead - share * ahead[-1]).argmin() for share in ENRICHING])]
         few = np.union1d(poses[::SPARSE], enriching)
-        for _ in range(ENRICHMENTS):
+        for enriched in range(ENRICHMENTS):
             found = self._follow(press, few)
             left = [found[frame].answer.ravel() for frame in enriching.tolist()]
+            if enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size:
+                break
             press = press.within(Reduced(elastic, [*press.model.space.T, *left]))
         found = self._follow(press, poses)
         self._known = {frame: np.array([press.displacement(one.state), one.answer]) for frame, one in found.items()}
