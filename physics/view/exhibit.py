@@ -72,7 +72,8 @@ class Exhibit:
 
 
 def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Material | None, *, truth: str = "",
-                 obstacle: ObstacleSurface | None = None, first: int = 0, steps: int | None = None, step_seconds: float | None = None) -> Exhibit:
+                 obstacle: ObstacleSurface | None = None, first: int = 0, steps: int | None = None,
+                 step_seconds: float | None = None) -> Exhibit:
     """Paths (T, N, 3) [m] of one body with their von Mises stress, at most FRAMES of their frames, evenly spread.
 
     material: without one there is no stress
