@@ -168,7 +168,7 @@ def write_path(html: Path, title: str, trajectory: Any) -> None:
         scene = Scene.from_toml(trajectory.scene)
         steps, material = scene.steps.count, as_solved(scene, trajectory, len(path) - 1).material
     shown = path_exhibit(html.stem, trajectory.mesh, {"path": path}, material,
-    obstacle=obstacle and ObstacleSurface(*obstacle), steps=steps,
+                         obstacle=obstacle and ObstacleSurface(*obstacle), steps=steps,
                          step_seconds=trajectory.extra.get("step_seconds"))
     write_page(html, title, [shown], {
         "mesh": f"{len(trajectory.mesh.points)} nodes, {len(trajectory.mesh.cells)} cells of the kind {trajectory.mesh.cell}",
