@@ -136,7 +136,7 @@ class Space:
         if curved:
             points, inside = table(mesh, _middles(mesh.cell))
             cells = np.concatenate([cells, inside], axis=1)
-            self.degrees = (5, 7) if mesh.cell in ("triangle", "tetrahedron") else (7, 9)
+            self.degrees = (5, 7)
         points = points[:, :dimension]
         if self.comm.rank:  # the first process hands out the mesh
             cells, points = cells[:0], points[:0]

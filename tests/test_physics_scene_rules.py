@@ -139,7 +139,7 @@ def test_extent_divisions_and_places():
     (BEAM | {"shape": "plate", "plane": "stress"}, "body.plane: a plate takes length, width, height"),
     ({"shape": "channel", "width": 1.0}, "body.width: a channel takes length, height, hole_centre"),
     ({"shape": "channel", "cells": [1, 1]}, "body.cells: a channel takes"),
-    ({"shape": "file", "path": "a", "length": 1.0}, "body.length: a file takes path, shape, order, element, plane, thickness"),
+    ({"shape": "file", "path": "a", "length": 1.0}, "body.length: a file takes path, scale, shape, order, element, plane, thickness"),
     ({"shape": "file"}, "body.path: missing"), (without(BEAM, "width"), "body.width: missing"),
     (without(BEAM, "height"), "body.height: missing"),
     (without(PLATE, "width"), "body.width: missing"),

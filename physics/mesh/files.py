@@ -14,7 +14,7 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 
 from physics.mesh.cell import CELLS, OF_MESHIO
-from physics.mesh.formats import abaqus, gmsh, others, su2, xdmf
+from physics.mesh.formats import abaqus, gmsh, nastran, others, su2, xdmf
 from physics.mesh.formats.raw import Raw
 from physics.mesh.mesh import Floats, Integers, Mesh, Parts
 from physics.mesh.places import called
@@ -23,7 +23,7 @@ from physics.mesh.sound.curved import curved
 from physics.mesh.sound.fit import fitting
 from physics.schema import InputError
 
-OWN = {".msh": gmsh.read, ".inp": abaqus.read, ".su2": su2.read}
+OWN = {".msh": gmsh.read, ".inp": abaqus.read, ".su2": su2.read, ".bdf": nastran.read, ".nas": nastran.read, ".fem": nastran.read}
 SMALLEST, LARGEST = 1e-9, 1e9  # [m] a body
 
 
@@ -83,6 +83,8 @@ def _read(path: Path) -> Raw:
             return others.read(path)
     reader = xdmf.read if ending == ".xdmf" else OWN.get(ending, others.read)
     try:
+        if ending == ".msh" and b"$MeshFormat" not in path.read_bytes():  # another program's
+            return others.read(path)
         return reader(path)
     except InputError:
         raise
@@ -202,7 +204,7 @@ def _groups(raw: Raw, number: Integers) -> tuple[dict[tuple[str, int], Parts], d
                 if kind and len(moved):
                     groups.setdefault(key, []).append((kind, moved))
         if key not in groups:
-            said.append(f"no node of {key[0]!r} belongs to the body")
+            said.append(f"no node of {key[0]!r} belongs to the body" if members else f"no cell of the file is in {key[0]!r}")
     node_sets = {}
     for name, nodes in raw.node_sets.items():
         if len(nodes) and not (0 <= nodes.min() and nodes.max() < len(number)):

@@ -97,7 +97,8 @@ class Mesh:
                 raise InputError(f"{name!r} stands for several places of the mesh: write {' or '.join(map(repr, self.mixed[name]))}")
             if name not in self.places:
                 known = ", ".join(self.places) or "none at all"
-                raise InputError(f"no place named {name!r} in the mesh: there are {known}{nearest(name, self.places)}")
+                said = next((f"; {remark}" for remark in self.remarks if repr(name) in remark), nearest(name, self.places))
+                raise InputError(f"no place named {name!r} in the mesh: there are {known}{said}")
         common = self.places[names[0]]
         for name in names[1:]:
             common = np.intersect1d(common, self.places[name])

@@ -23,7 +23,7 @@ Integers = NDArray[np.int64]
 
 # The beginnings of Abaqus's names: kind, numbers of nodes that there are, the longest first. What follows is how they are integrated.
 NAMES = (
-    (r"C3D(20|8)", "hexahedron", (8, 20)), (r"C3D(10|4)", "tetrahedron", (4, 10)),
+    (r"C3D(27|20|8)", "hexahedron", (8, 20, 27)), (r"C3D(10|4)", "tetrahedron", (4, 10)),
     (r"C3D(15|6)", "prism", (6, 15)), (r"SC6", "prism", (6,)), (r"SC8|CSS8", "hexahedron", (8,)), (r"DC3D(20|8)", "hexahedron", (8, 20)),
     (r"DC3D(10|4)", "tetrahedron", (4, 10)), (r"DC3D(15|6)", "prism", (6, 15)),
     (r"(CPS|CPE|CPEG|CAX|DC2D|DCAX|M3D|SFM3D|S|SAX|DS|R3D|STRI)(9|8|4)", "quadrilateral", (4, 8, 9)),
@@ -34,6 +34,7 @@ SIDES: dict[str, Corners] = {  # S1, S2, ..
     "tetrahedron": ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)), "prism": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
     "hexahedron": ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
     "triangle": ((0, 1), (1, 2), (2, 0)), "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0))}
+MIDDLE_SECOND = [0, 2, 1]  # of lines of three nodes
 FACES = {2: "line", 3: "triangle", 4: "quadrilateral"}
 PLAIN = {"MASS", "ROTARYI", "SPRINGA", "SPRING1", "SPRING2", "DASHPOTA", "DCOUP3D"}  # no cells: left out
 
@@ -201,9 +202,10 @@ def _members(deck: Deck, what: str, name: str, seen: tuple[str, ...] = ()) -> li
 def _raw(deck: Deck) -> Raw:
     blocks: list[Block] = []
     place: dict[tuple[str, int], tuple[int, int]] = {}  # part and label to block and row
-    for (kind, _), rows in deck.tables.items():
+    for (kind, size), rows in deck.tables.items():
         place |= {(part, label): (len(blocks), i) for i, (part, label, _) in enumerate(rows)}
-        blocks.append(block(kind, np.stack([nodes for _, _, nodes in rows]), np.array([label for _, label, _ in rows], np.int64)))
+        blocks.append(block(kind, np.stack([nodes for _, _, nodes in rows])[:, MIDDLE_SECOND if kind == "line" and size == 3 else slice(None)],
+                            np.array([label for _, label, _ in rows], np.int64), () if size == 27 else None))
     groups: dict[tuple[str, int], list[tuple[int, Integers]]] = {}
     node_sets: dict[str, Integers] = {}
     for what, name in deck.sets:

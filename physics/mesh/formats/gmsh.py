@@ -77,11 +77,9 @@ class Numbers:
 
 
 def read(path: Path) -> Raw:
-    """A .msh file. Raises `InputError`, or ValueError, for what is not one."""
+    """A .msh file of gmsh's. Raises `InputError`, or ValueError, for what is not one."""
     data = path.read_bytes()
-    start = data.find(b"$MeshFormat")
-    if start < 0:
-        raise InputError("no $MeshFormat in it: not a .msh file of version 2 or 4")
+    start = data.index(b"$MeshFormat")
     words = data[start:start + 200].split(b"\n", 2)[1].split()
     version, binary, size = words[0].decode(), int(words[1]) == 1, int(words[2])
     if version not in ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1"):
@@ -115,6 +113,8 @@ def read(path: Path) -> Raw:
         dimension = CELLS[blocks[number].kind].dimension if blocks[number].kind in CELLS else 3
         for tag, rows in of_block.items():
             groups.setdefault((names.get((dimension, tag), str(tag)), dimension), []).append((number, rows))
+    for (dimension, _), name in names.items():
+        groups.setdefault((name, dimension), [])  # version 2.2 saved whole keeps names and forgets who is in them
     return Raw(points, [block(b.kind, numbered(labels, b.nodes), b.labels, MIDDLES.get(b.kind)) if b.kind in CELLS else b
                         for b in blocks], groups, labels=labels)
 

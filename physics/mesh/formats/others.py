@@ -20,7 +20,7 @@ from physics.mesh.formats.raw import Block, Raw, block
 from physics.schema import InputError
 
 Integers = NDArray[np.int64]
-TAGS = ("gmsh:physical", "medit:ref", "nastran:ref", "avsucd:material", "ugrid:ref", "netgen:index", "tetgen:ref", "CellEntityIds")
+TAGS = ("gmsh:physical", "medit:ref", "avsucd:material", "ugrid:ref", "netgen:index", "tetgen:ref", "CellEntityIds")
 LAGRANGE = {"VTK_LAGRANGE_CURVE": "line", "VTK_LAGRANGE_TRIANGLE": "triangle", "VTK_LAGRANGE_QUADRILATERAL": "quad",
             "VTK_LAGRANGE_TETRAHEDRON": "tetra", "VTK_LAGRANGE_HEXAHEDRON": "hexahedron", "VTK_LAGRANGE_WEDGE": "wedge"}
 ROUND = ("quadrilateral", "hexahedron")  # whose further nodes have had two orders in VTK
@@ -39,6 +39,8 @@ def read(path: Path) -> Raw:
             found = meshio.read(path)  # meshio prints, and ends the program
     except (Exception, SystemExit) as error:  # its readers raise whatever a damaged file leads them to
         words = [] if isinstance(error, SystemExit) else str(error).split("\n")
+        if isinstance(error, KeyError):
+            words = [f"{error} is not known to it"]
         words += [line.removeprefix("Error:") for line in said.getvalue().splitlines()]
         reason = next((word.strip() for word in words if word.strip()), type(error).__name__)
         raise InputError(f"not a mesh file that meshio can read: {reason[:200]}") from None
@@ -65,7 +67,7 @@ def of_meshio(found: Any) -> Raw:
     for key in TAGS:
         for number, tags in enumerate(found.cell_data.get(key, [])[:len(blocks)]):
             tags, dimension = np.asarray(tags).ravel(), CELLS[blocks[number].kind].dimension
-            for tag in np.unique(tags[tags != 0]):
+            for tag in np.unique(tags[tags > 0] if key == "CellEntityIds" else tags[tags != 0]):
                 name = names.get((int(tag), dimension), f"{int(tag)}")
                 groups.setdefault((name, dimension), []).append((number, np.flatnonzero(tags == tag)))
     for name, members in found.cell_sets.items():

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Middles = dict[int, tuple[Integers, Floats]]  # number of corners k to sorted corners (E, k) and the middle nodes (E, 3) [m]
 
-STRAIGHT = 1e-6  # of an edge's length
+STRAIGHT = 3e-5  # of an edge's length: files with few digits
 CORNERS = {"triangle": ((0, 0, 0), (1, 0, 0), (0, 1, 0)), "quadrilateral": ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)),
            "tetrahedron": ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)),
            "hexahedron": ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))}

@@ -45,7 +45,7 @@ def fitting(points: Floats, cells: Integers, kind: str, cell: Called, node: Call
         outer.append(facets[start[count == 1]])
         owner.append(cell_of[start[count == 1]])
     label = piece_of(len(points), cells)
-    hanging = list(_on_sides(points, outer, owner))
+    hanging = _on_sides(points, cells, outer, owner)
     for place, at in hanging:
         if label[place] == label[cells[at, 0]]:
             raise InputError(f"node {node(place)} lies on a side of {cell(at)} and is none of its corners: the cells do not fit together there")
@@ -91,8 +91,8 @@ def _reversed(one: Integers, other: Integers) -> NDArray[np.bool_]:
     return (back == one).all(axis=1)
 
 
-def _on_sides(points: Floats, outer: list[Integers], owner: list[Integers]) -> list[tuple[int, int]]:
-    """Nodes that lie inside an outer facet, or on an edge of it, of which they are no corner: node and cell."""
+def _on_sides(points: Floats, cells: Integers, outer: list[Integers], owner: list[Integers]) -> list[tuple[int, int]]:
+    """Nodes of other cells that lie inside an outer facet, or on an edge of it, and at no corner: node and cell."""
     rim = np.unique(np.concatenate([facets.ravel() for facets in outer]))
     tree = cKDTree(points[rim])
     shortest = min(float(np.linalg.norm(points[facets] - points[np.roll(facets, 1, axis=1)], axis=2).min())
@@ -105,7 +105,7 @@ def _on_sides(points: Floats, outer: list[Integers], owner: list[Integers]) -> l
         near = tree.query_ball_point(centre, radius * (1 + NEAR)) if len(facets) else []
         number = np.repeat(np.arange(len(facets)), [len(some) for some in near])
         place = rim[np.concatenate([np.asarray(some, np.int64) for some in near])] if len(facets) else number
-        other = (facets[number] != place[:, None]).all(axis=1)
+        other = (cells[cell_of[number]] != place[:, None]).all(axis=1)
         number, place = number[other], place[other]
         limit = np.minimum(NEAR * radius, 1e-3 * shortest)[number]
         apart = np.linalg.norm(x[number] - points[place][:, None], axis=2).min(axis=1) > limit  # at a corner it is another matter
