@@ -53,6 +53,18 @@ def rigid_motions_left(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
     return 6 - int(np.linalg.matrix_rank(at_held, tol=1e-9 * len(at_held) ** 0.5)) if len(at_held) else 6
 
 
+def pieces_held(scene: Scene, mesh: Mesh) -> tuple[str, ...]:
+    """What holds each piece of a body of several, in one remark; nothing for a body that hangs together."""
+    label = piece_of(len(mesh.points), mesh.cells)
+    count = int(label.max()) + 1
+    if count == 1:
+        return ()
+    holders = {piece: [f"{support.where!r}" for support in scene.support if (label[mesh.place(support.where)] == piece).any()]
+               for piece in range(count)}
+    words = [f"piece {piece + 1} by {' and '.join(dict.fromkeys(names)) or 'nothing'}" for piece, names in holders.items()]
+    return (f"held are {'; '.join(words[:5])}{'; ...' if count > 5 else ''}",)
+
+
 def loose(mesh: Mesh, fixed: NDArray[np.bool_]) -> str:
     """Which rigid motions the held components (N, 3) leave free, of each piece and of parts that hinge on shared nodes; "" if none."""
     label = piece_of(len(mesh.points), mesh.cells)

@@ -76,8 +76,12 @@ def upright(points: Floats, cells: Integers, kind: str, cell: Called, node: Call
     """The cells with positive volume, and how many had to be turned for that.
 
     Raises:
-        InputError: one has no volume, crosses itself, or is inside out at a corner
+        InputError: one has a side without length or no volume, crosses itself, or is inside out at a corner
     """
+    for i, j in CELLS[kind].edges:
+        if (same := np.flatnonzero((points[cells[:, i]] == points[cells[:, j]]).all(axis=1))).size:
+            pair = f"{node(cells[same[0], i])} and {node(cells[same[0], j])}"
+            raise InputError(f"{cell(same[0])} has two corners in one place, nodes {pair}: a side without length")
     corner = corners(points, cells, kind)
     crossed = (corner < -FLAT).any(axis=1) & (corner > FLAT).any(axis=1)
     measure = "area" if CELLS[kind].dimension == 2 else "volume"
