@@ -134,7 +134,7 @@ class Space:
         cells, points = mesh.cells[:, FROM_GMSH[mesh.cell]], mesh.points
         curved = order == 2 and bool(mesh.middles)
         if curved:
-            points, inside = table(mesh, _middles(mesh.cell))
+            points, inside = table(points, mesh.cells, mesh.middles, _middles(mesh.cell))
             cells = np.concatenate([cells, inside], axis=1)
             self.degrees = (5, 7)
         points = points[:, :dimension]

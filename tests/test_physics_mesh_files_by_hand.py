@@ -159,7 +159,8 @@ def test_sets_of_cells_and_of_points(read):
     assert found.mixed == {"some": ("nodes-some", "region-some")} and set(found.parts) == {"region-some", "faces"}
     assert found.remarks == ("3 nodes of no cell left out", "no node of 'outside' belongs to the body",
                              "1 of 2 nodes of 'half' belong to no cell of the body")
-    assert [(kind, rows.tolist()) for kind, rows in found.parts["region-some"]] == [("tetrahedron", [[1, 2, 3, 5]]), ("triangle", [[0, 1, 3]])]
+    assert [(kind, rows.tolist()) for kind, rows in found.parts["region-some"]] == [("tetrahedron", [[1, 2, 3, 5]]),
+                                                                                    ("triangle", [[0, 1, 3]])]
 
 
 def test_what_meshio_cannot_read_is_told_in_one_line(tmp_path, capfd):

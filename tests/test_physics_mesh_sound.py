@@ -70,7 +70,8 @@ def test_hexahedra_that_are_folded_to_prisms_are_prisms(read):
 
 @pytest.mark.parametrize("kind, corners, shape", [
     ("hexahedron", [0, 1, 2, 2, 4, 5, 6, 6], "prism"), ("hexahedron", [0, 1, 2, 3, 0, 5, 6, 3], "prism"),
-    ("hexahedron", [0, 1, 2, 2, 4, 4, 4, 4], "tetrahedron"), ("hexahedron", [0, 1, 2, 3, 4, 4, 4, 4], ""), ("prism", [0, 1, 2, 3, 3, 3], "tetrahedron"),
+    ("hexahedron", [0, 1, 2, 2, 4, 4, 4, 4], "tetrahedron"), ("hexahedron", [0, 1, 2, 3, 4, 4, 4, 4], ""),
+    ("prism", [0, 1, 2, 3, 3, 3], "tetrahedron"),
     ("hexahedron", [0, 1, 2, 3, 4, 5, 6, 0], ""), ("hexahedron", [0, 0, 0, 0, 4, 5, 6, 7], ""), ("prism", [0, 1, 1, 3, 4, 5], ""),
     ("quadrilateral", [0, 1, 2, 2], "triangle"), ("quadrilateral", [0, 1, 0, 3], ""), ("quadrilateral", [0, 0, 2, 3], "triangle"),
     ("triangle", [0, 1, 1], ""), ("tetrahedron", [0, 1, 2, 2], "")])
@@ -95,8 +96,8 @@ def test_the_folded_prism_keeps_its_volume_whichever_edge_is_folded(read):
 
 def test_corners_in_a_wrong_order_are_refused_by_cell_and_node(read):
     mesh = beam()
-    with pytest.raises(InputError, match=r"a.vtu: cell 0 of 4 is inside out at node \d+ \(4 of 4 cells are\): its corners seem to be listed "
-                                         "row by row"):
+    with pytest.raises(InputError, match=r"a.vtu: cell 0 of 4 is inside out at node \d+ \(4 of 4 cells are\): its corners seem to be "
+                                         "listed row by row"):
         read(mesh.points, mesh.cells[:, TENSOR])
     wrong = mesh.cells.copy()
     wrong[2] = wrong[2][[1, 0, 2, 3, 4, 5, 6, 7]]
@@ -164,7 +165,8 @@ def test_pieces_are_named_with_size_place_and_what_holds_them(read):
         "(0.2, 0, 0) to (0.4, 0.1, 0.1) m; 4 nodes of one lie where another has one too: merge them if they belong together",)
     modes = frequencies(found, count=8)
     assert modes.rigid == modes.rigid_expected == 6
-    assert f"held are piece 1 by {{ plane = [0.0, 0.0, 0.0], normal = [1.0, 0.0, 0.0], within = {1e-9} }}; piece 2 by nothing" in modes.remarks
+    at = "{ plane = [0.0, 0.0, 0.0], normal = [1.0, 0.0, 0.0], within = 1e-09 }"
+    assert f"held are piece 1 by {at}; piece 2 by nothing" in modes.remarks
     scene = read_scene({"body": {"length": 1.0, "width": 1.0, "height": 1.0, "cells": [1, 1, 1]}, "steps": {"count": 1},
                         "material": {"young_modulus": 1e6, "poisson_ratio": 0.3}, "support": [{"where": X_MIN}],
                         "load": [{"where": X_MAX, "traction": [0, 0, 100.0]}]})
@@ -188,7 +190,8 @@ def test_a_body_that_hinges_on_an_edge_is_not_loaded(read):
         solve(scene, mesh=found)
 
 
-@pytest.mark.parametrize("scale, words", [(1e10, "a node lies 4e"), (1e-11, "a body of 4e-12 m"), (1e300, "a node lies 4e"), (np.inf, "not finite")])
+@pytest.mark.parametrize("scale, words", [(1e10, "a node lies 4e"), (1e-11, "a body of 4e-12 m"), (1e300, "a node lies 4e"),
+                                          (np.inf, "not finite")])
 def test_bodies_of_no_size_are_refused(read, scale, words):
     mesh = beam()
     with np.errstate(invalid="ignore"), pytest.raises(InputError, match=words):

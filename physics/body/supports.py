@@ -92,7 +92,8 @@ def _hinged(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
     pairs = np.unique(np.stack([mesh.cells.ravel(), np.repeat(part, mesh.cells.shape[1])], axis=1), axis=0)  # node and part
     node, owner = pairs.T
     motion = np.zeros((len(pairs), 3, 6 * count))  # of each node with each of its parts, for six motions of each part
-    own = np.concatenate([np.broadcast_to(np.eye(3), (len(pairs), 3, 3)), np.cross(np.eye(3)[None], x[node][:, None]).transpose(0, 2, 1)], axis=2)
+    turns = np.cross(np.eye(3)[None], x[node][:, None]).transpose(0, 2, 1)
+    own = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2)
     for i in range(6):
         motion[np.arange(len(pairs)), :, 6 * owner + i] = own[:, :, i]
     shared = np.flatnonzero(node[1:] == node[:-1])

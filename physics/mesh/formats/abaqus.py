@@ -129,7 +129,7 @@ def _elements(deck: Deck, part: str, options: dict[str, str], lines: list[list[s
     said = {"65": 6}.get(digits[1], int(digits[1])) if digits else 0
     size = said if said in sizes else len(lines[0]) - 1 if kind == "line" else sizes[0]
     numbers = np.array([int(word) for line in lines for word in line if word], np.int64)
-    if kind == "line" and any(len(line) != len(lines[0]) for line in lines) or len(numbers) % (1 + size):
+    if (kind == "line" and any(len(line) != len(lines[0]) for line in lines)) or len(numbers) % (1 + size):
         raise InputError(f"*ELEMENT, TYPE={name}: {len(numbers)} numbers are not cells of a label and {size} nodes")
     table = deck.tables.setdefault((kind, size), [])
     for row in numbers.reshape(-1, 1 + size):
@@ -204,7 +204,8 @@ def _raw(deck: Deck) -> Raw:
     place: dict[tuple[str, int], tuple[int, int]] = {}  # part and label to block and row
     for (kind, size), rows in deck.tables.items():
         place |= {(part, label): (len(blocks), i) for i, (part, label, _) in enumerate(rows)}
-        blocks.append(block(kind, np.stack([nodes for _, _, nodes in rows])[:, MIDDLE_SECOND if kind == "line" and size == 3 else slice(None)],
+        order = MIDDLE_SECOND if kind == "line" and size == 3 else list(range(size))
+        blocks.append(block(kind, np.stack([nodes for _, _, nodes in rows])[:, order],
                             np.array([label for _, label, _ in rows], np.int64), () if size == 27 else None))
     groups: dict[tuple[str, int], list[tuple[int, Integers]]] = {}
     node_sets: dict[str, Integers] = {}
@@ -219,7 +220,8 @@ def _raw(deck: Deck) -> Raw:
     for name, sides in deck.sides.items():
         facets: dict[int, list[Integers]] = {}
         for part, word, side in sides:
-            cells = [(part, word)] if isinstance(word, int) else _members(deck, "ELSET", word) if ("ELSET", word) in deck.sets else []
+            known = not isinstance(word, int) and ("ELSET", word) in deck.sets
+            cells = [(part, word)] if isinstance(word, int) else _members(deck, "ELSET", word) if known else []
             for number, row in (place[key] for key in cells if key in place):
                 local = SIDES.get(blocks[number].kind, ())
                 if int(side[1]) > len(local):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,19 +36,19 @@ class Numbers:
     """The numbers of one section, in order, from text or from bytes."""
 
     def __init__(self, data: bytes, at: int, *, binary: bool, end: bytes, size: str, order: str) -> None:
-        self.data, self.at, self.binary, self.order, self.size = data, at, binary, order, size
+        self.data, self.words, self.at, self.binary, self.order, self.size = data, list[bytes](), at, binary, order, size
         if not binary:
             stop = data.find(end, at)
             if stop < 0:
                 raise InputError(f"{end.decode()} is missing: the file was cut off")
-            self.data, self.at = data[at:stop].split(), 0  # type: ignore[assignment]
+            self.words, self.at = data[at:stop].split(), 0
 
-    def take(self, kind: str, count: int) -> NDArray[np.float64] | Integers:
+    def take(self, kind: str, count: int) -> NDArray[Any]:
         """The next ones: kind i of 4 bytes, d of 8, s of a size."""
         if count < 0:
             raise InputError("a negative number of entries")
         if not self.binary:
-            part = self.data[self.at:self.at + count]
+            part = self.words[self.at:self.at + count]
             self.at += count
             if len(part) < count:
                 raise InputError("a section is shorter than it says")
@@ -148,7 +149,7 @@ def _elements_2(numbers: Numbers) -> tuple[list[Block], list[dict[int, Integers]
     """The cells by type, and for each type which are in which physical group."""
     tables: dict[int, list[Integers]] = {}  # label, physical group, nodes
     count, done = (_line(numbers) if numbers.binary else numbers.one("i")), 0
-    text = None if numbers.binary else numbers.take("i", len(numbers.data) - numbers.at).astype(np.int64)
+    text = None if numbers.binary else numbers.take("i", len(numbers.words) - numbers.at).astype(np.int64)
     at = 0
     while done < count:
         if text is None:

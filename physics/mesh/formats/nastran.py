@@ -55,8 +55,8 @@ def read(path: Path) -> Raw:
     known = np.array(labels, np.int64)
     blocks, groups = [], dict[tuple[str, int], list[tuple[int, Integers]]]()
     for number, ((kind, _), rows) in enumerate(tables.items()):
-        nodes = numbered(known, np.array([row[2] for row in rows], np.int64))
-        blocks.append(block(kind, nodes, np.array([row[0] for row in rows], np.int64), MIDDLES.get(kind)))
+        cells = numbered(known, np.array([row[2] for row in rows], np.int64))
+        blocks.append(block(kind, cells, np.array([row[0] for row in rows], np.int64), MIDDLES.get(kind)))
         owner = np.array([row[1] for row in rows])
         for tag in np.unique(owner[owner != 0]):
             groups.setdefault((f"{tag}", CELLS[kind].dimension), []).append((number, np.flatnonzero(owner == tag)))

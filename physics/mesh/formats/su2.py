@@ -40,12 +40,13 @@ def read(path: Path) -> Raw:
             rows = _rows(lines, at, int(value))
             at += len(rows)
             for row in rows:
-                kind, *nodes = (int(word) for word in row.split())
-                if kind not in OF_VTK:
-                    raise InputError(f"has cells of VTK's type {kind}, which is not known here")
-                if len(nodes) < OF_VTK[kind].corners:
-                    raise InputError(f"a {OF_VTK[kind].name} has {len(nodes)} nodes: {row}")
-                tables.setdefault(OF_VTK[kind].name, []).append((marker if key == "MARKER_ELEMS" else "", nodes[:OF_VTK[kind].corners]))
+                number, *nodes = (int(word) for word in row.split())
+                cell = OF_VTK.get(number)
+                if cell is None:
+                    raise InputError(f"has cells of VTK's type {number}, which is not known here")
+                if len(nodes) < cell.corners:
+                    raise InputError(f"a {cell.name} has {len(nodes)} nodes: {row}")
+                tables.setdefault(cell.name, []).append((marker if key == "MARKER_ELEMS" else "", nodes[:cell.corners]))
     groups: dict[tuple[str, int], list[tuple[int, Integers]]] = {}
     blocks = []
     for number, (kind, entries) in enumerate(tables.items()):

@@ -21,8 +21,8 @@ KINDS = {"polyvertex": ("vertex", 1), "polyline": ("line", 2), "triangle": ("tri
          "tetrahedron": ("tetrahedron", 4), "wedge": ("prism", 6), "hexahedron": ("hexahedron", 8), "edge_3": ("line", 3),
          "triangle_6": ("triangle", 6), "tri_6": ("triangle", 6), "quadrilateral_8": ("quadrilateral", 8), "quad_8": ("quadrilateral", 8),
          "quadrilateral_9": ("quadrilateral", 9), "quad_9": ("quadrilateral", 9), "tetrahedron_10": ("tetrahedron", 10),
-         "tet_10": ("tetrahedron", 10), "hexahedron_20": ("hexahedron", 20), "hex_20": ("hexahedron", 20), "hexahedron_27": ("hexahedron", 27),
-         "hex_27": ("hexahedron", 27)}
+         "tet_10": ("tetrahedron", 10), "hexahedron_20": ("hexahedron", 20), "hex_20": ("hexahedron", 20),
+         "hexahedron_27": ("hexahedron", 27), "hex_27": ("hexahedron", 27)}
 
 
 def grids(path: Path) -> list[ElementTree.Element]:

@@ -13,7 +13,6 @@ shape functions). Legend: N nodes, C cells, E entities of k corners, P sample po
 from __future__ import annotations
 
 from itertools import product
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,15 +29,6 @@ STRAIGHT = 3e-5  # of an edge's length: files with few digits
 CORNERS = {"triangle": ((0, 0, 0), (1, 0, 0), (0, 1, 0)), "quadrilateral": ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)),
            "tetrahedron": ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)),
            "hexahedron": ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))}
-
-
-class Cells(Protocol):
-    """What is needed of a mesh."""
-
-    points: Floats
-    cells: Integers
-    cell: str
-    middles: Middles
 
 
 def curved(raw: Raw, number: Integers, points: Floats, cells: Integers, kind: str, scale: float, order: int) -> tuple[Middles, list[str]]:
@@ -192,12 +182,12 @@ def _slopes(kind: str, local: list[tuple[int, ...]], at: Floats) -> Floats:
     return found
 
 
-def table(mesh: Cells, local: list[tuple[int, ...]]) -> tuple[Floats, Integers]:
+def table(points: Floats, cells: Integers, middles: Middles, local: list[tuple[int, ...]]) -> tuple[Floats, Integers]:
     """Nodes (all, 3) of a curved mesh, its corners first, and for each cell (C, len(local)) which lie inside of some local entities."""
-    offset, points, start = {}, [mesh.points], len(mesh.points)
-    for k, (_, at) in mesh.middles.items():
+    offset, all_points, start = {}, [points], len(points)
+    for k, (_, at) in middles.items():
         offset[k] = start
-        points.append(at)
+        all_points.append(at)
         start += len(at)
-    columns = [offset[len(entity)] + _row(mesh.middles[len(entity)][0], np.sort(mesh.cells[:, list(entity)], axis=1)) for entity in local]
-    return np.concatenate(points), np.stack(columns, axis=1)
+    columns = [offset[len(entity)] + _row(middles[len(entity)][0], np.sort(cells[:, list(entity)], axis=1)) for entity in local]
+    return np.concatenate(all_points), np.stack(columns, axis=1)

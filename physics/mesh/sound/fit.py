@@ -48,7 +48,8 @@ def fitting(points: Floats, cells: Integers, kind: str, cell: Called, node: Call
     hanging = _on_sides(points, cells, outer, owner)
     for place, at in hanging:
         if label[place] == label[cells[at, 0]]:
-            raise InputError(f"node {node(place)} lies on a side of {cell(at)} and is none of its corners: the cells do not fit together there")
+            raise InputError(f"node {node(place)} lies on a side of {cell(at)} and is none of its corners: "
+                             "the cells do not fit together there")
     return _pieces_said(points, cells, label, len({place for place, _ in hanging}))
 
 
@@ -140,7 +141,8 @@ def _pieces_said(points: Floats, cells: Integers, label: Integers, on_sides: int
     if count == 1:
         return []
     said = [described(points, cells, label, piece) for piece in range(min(count, 5))] + ["..."] * (count > 5)
-    pairs = cKDTree(points).query_pairs(NEAR * float(np.ptp(points, axis=0).max()) / max(1.0, len(points) ** (1 / 3)), output_type="ndarray")
+    near = NEAR * float(np.ptp(points, axis=0).max()) / len(points) ** (1 / 3)
+    pairs = cKDTree(points).query_pairs(near, output_type="ndarray")
     touching = int((label[pairs[:, 0]] != label[pairs[:, 1]]).sum()) if len(pairs) else 0
     more = f"; {touching} nodes of one lie where another has one too: merge them if they belong together" if touching else ""
     if on_sides:
