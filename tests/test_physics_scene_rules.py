@@ -34,7 +34,7 @@ def test_every_default():
         "name": "scene",
         "body": {"shape": "beam", "length": 0.1, "width": 0.02, "height": 0.02, "cells": (4, 2, 2), "cell_size": None, "cell": "prism",
                  "order": 1,
-                 "element": "standard", "path": None, "hole_centre": None, "hole_radius": None, "plane": None, "thickness": None},
+                 "element": "standard", "path": None, "scale": None, "hole_centre": None, "hole_radius": None, "plane": None, "thickness": None},
         "material": {"law": "neo-hookean", "young_modulus": 1e6, "poisson_ratio": 0.4, "density": 1000.0},
         "support": ({"where": "x-min", "fixed": "xyz", "displacement": (0.0, 0.0, 0.0)},),
         "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False},),
