@@ -23,6 +23,20 @@ def test_the_excess_is_that_over_second_order(cell, cells, length):
     assert too_high(modes.mesh, modes.shapes[0], given.material) == pytest.approx(excess, rel=0.2)
 
 
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_the_excess_in_the_plane(cell, plane):
+    """A strip with cells as long as it is high, and an eighth of that."""
+    for cells, length in (([20, 2], 0.4), ([80, 4], 0.2)):
+        given, fine = (read_scene({"body": {"shape": "plate", "length": length, "width": 0.02, "cells": divisions, "cell": kind,
+                                            "plane": plane, "order": order}, "support": [{"where": "x-min"}],
+                                   "material": {"young_modulus": 1e6, "poisson_ratio": 0.3}})
+                       for divisions, kind, order in ((cells, cell, 1), ([40, 2], "quadrilateral", 2)))
+        modes, true = elastic_modes(given, count=1), elastic_modes(fine, count=1).frequencies_hz[0]
+        excess = modes.frequencies_hz[0] / true - 1
+        assert too_high(modes.mesh, modes.shapes[0], given.material) == pytest.approx(excess, rel=0.25, abs=4e-3)
+
+
 def told(given, **how):
     return [text for text in elastic_modes(given, **how).remarks if "too stiffly" in text]
 

@@ -136,7 +136,7 @@ def test_what_is_wrong_with_a_msh_file_is_said(tmp_path, damage, words):
 
 def test_a_name_without_cells_is_told_where_it_is_asked_for(tmp_path):
     (tmp_path / "part.msh").write_text(entities_4("4.1").replace("2 1 \"wall\"", "2 8 \"wall\""))
-    with pytest.raises(InputError, match="no place named 'wall' in the mesh: there are .*; no cell of the file is in 'wall'"):
+    with pytest.raises(InputError, match="no place named 'wall' in the mesh: there are .*; no cell of the file is in 'wall'; gmsh keeps"):
         frequencies(tmp_path / "part.msh", "wall")
 
 
@@ -240,6 +240,25 @@ def test_meshes_with_tags_as_dolfinx_writes_them(tmp_path, cell):
         read = file.read_meshtags(again, name="facets")
     assert np.bincount(read.values)[5:].tolist() == [len(end) for end in ends]
     assert again.topology.index_map(d).size_local == len(found.cells)
+
+
+def test_tags_of_two_names_with_one_number_are_two_places(tmp_path):
+    """As dolfinx writes them, with the data in the XML: faces 1 of "walls" and of "loads", and cells 1."""
+    def grid(name, kind, cells):
+        item = f'<DataItem Dimensions="{len(cells)} {len(cells[0])}" Format="XML">{" ".join(map(str, np.ravel(cells)))}</DataItem>'
+        tags = f'<DataItem Dimensions="{len(cells)} 1" Format="XML">{"1 " * len(cells)}</DataItem>'
+        return (f'<Grid Name="{name}" GridType="Uniform"><xi:include xpointer="xpointer(/Xdmf/Domain/Grid/Geometry)"/>'
+                f'<Topology TopologyType="{kind}">{item}</Topology>'
+                f'<Attribute Name="{name}" AttributeType="Scalar" Center="Cell">{tags}</Attribute></Grid>')
+
+    body = grid("cells", "Hexahedron", BEAM.cells)
+    numbers = " ".join(map(str, BEAM.points.ravel()))
+    nodes = f'<Geometry GeometryType="XYZ"><DataItem Dimensions="20 3" Format="XML">{numbers}</DataItem></Geometry>'
+    grids = [body.replace("<Topology", nodes + "<Topology"), grid("walls", "Quadrilateral", [WALL]), grid("loads", "Quadrilateral", [TIP])]
+    head = '<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude">'
+    (tmp_path / "a.xdmf").write_text(f'{head}<Domain>{"".join(grids)}</Domain></Xdmf>')
+    assert {name: nodes.tolist() for name, nodes in read_mesh(tmp_path / "a.xdmf").places.items()} == {
+        "1": list(range(20)), "walls-1": sorted(WALL), "loads-1": sorted(TIP)}
 
 
 def test_a_kind_of_file_that_nobody_knows_is_refused_with_meshios_own_reason(tmp_path):

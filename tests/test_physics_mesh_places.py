@@ -64,7 +64,7 @@ def test_what_has_the_same_nodes_goes_by_its_name_whatever_it_is():
 @pytest.mark.parametrize("where, words", [
     ("edge-1", "load[0].where = 'edge-1': has no facet; a traction needs a face"),
     ("region-1", "load[0].where = 'region-1': is a region, and which of its facets are meant is not said; a traction needs a face"),
-    ("face-1 edge-1", "has no facet"), ("face-1 2", "have no node in common"), ("2", None), ("3", None),
+    ("face-1 edge-1", "has no facet"), ("region-1 2", None), ("face-1 2", "have no node in common"), ("2", None), ("3", None),
     ({"near": [0.4, 0, 0], "within": 0.01}, "load[0].where = { near = [0.4, 0.0, 0.0], within = 0.01 }: has no facet")])
 def test_a_traction_needs_a_face_and_an_inner_one_will_do(one_number, where, words):
     given = scene(one_number, support=[{"where": "face-1"}], load=[{"where": where, "traction": [0, 0, 100.0]}])

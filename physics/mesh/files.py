@@ -18,7 +18,7 @@ from physics.mesh.formats import abaqus, gmsh, nastran, others, su2, xdmf
 from physics.mesh.formats.raw import Raw
 from physics.mesh.mesh import Floats, Integers, Mesh, Parts
 from physics.mesh.places import called
-from physics.mesh.sound.cells import by_shape, flat_corners, once, upright
+from physics.mesh.sound.cells import by_shape, once, upright
 from physics.mesh.sound.curved import curved
 from physics.mesh.sound.fit import fitting
 from physics.schema import InputError
@@ -103,11 +103,11 @@ def _mesh(raw: Raw, order: int, scale: float) -> Mesh:
     number[used] = np.arange(len(used))
     points = _placed(raw.points[used], scale, CELLS[kind].dimension)
     labels = used if raw.labels is None else raw.labels[used]
-    cells, turned = upright(points, number[found.cells], kind, found.name, lambda node: str(labels[node]))
+    cells, turned, flat = upright(points, number[found.cells], kind, found.name, lambda node: str(labels[node]))
     remarks = list(found.remarks)
     if turned:
         remarks.append(f"{turned} of {len(cells)} cells were inside out and have been turned")
-    if len(flat := flat_corners(points, cells, kind)):
+    if len(flat):
         remarks.append(f"{found.name(flat[0])} has a flat corner" + (f", as {len(flat) - 1} others have" if len(flat) > 1 else ""))
     remarks += fitting(points, cells, kind, found.name, lambda node: str(labels[node]))
     middles, said = curved(raw, number, points, cells, kind, scale, order)
@@ -204,7 +204,8 @@ def _groups(raw: Raw, number: Integers) -> tuple[dict[tuple[str, int], Parts], d
                 if kind and len(moved):
                     groups.setdefault(key, []).append((kind, moved))
         if key not in groups:
-            said.append(f"no node of {key[0]!r} belongs to the body" if members else f"no cell of the file is in {key[0]!r}")
+            said.append(f"no node of {key[0]!r} belongs to the body" if members else f"no cell of the file is in {key[0]!r}; gmsh keeps "
+                        "groups with Mesh.SaveAll = 0, or in version 4.1")
     node_sets = {}
     for name, nodes in raw.node_sets.items():
         if len(nodes) and not (0 <= nodes.min() and nodes.max() < len(number)):

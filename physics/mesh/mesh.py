@@ -109,13 +109,14 @@ class Mesh:
     def facets(self, where: str | Where) -> list[Integers]:
         """The facets that a place is made of, those of the boundary outward: an array (F, k) for each number of corners k.
 
-        Of a file's groups of facets these are outer and inner ones; of its regions, of sets of nodes and of the places of a shape
-        the outer ones whose corners all lie there. There may be none: an edge has none.
+        Of a file's groups of facets these are outer and inner ones, of several regions those between them; of a region, of sets of
+        nodes and of the places of a shape the outer ones whose corners all lie there. There may be none: an edge has none.
         """
         known = self.entities(where)
         names = [] if isinstance(where, Where) else [where] if where in self.places else where.split()
         dimensions = {CELLS[kind].dimension for name in names for kind, _ in self.parts.get(name, ())}
-        pools = [self.boundary] + [self.inner] * (self.dimension - 1 in dimensions)
+        chosen_ones = self.dimension - 1 in dimensions or (len(names) > 1 and dimensions == {self.dimension})
+        pools = [self.boundary] + [self.inner] * chosen_ones
         chosen = [[facets[rows_in(facets, known.get(facets.shape[1], facets[:0]))] for facets in pool] for pool in pools]
         return [np.concatenate(parts) for parts in zip(*chosen, strict=True)]
 

@@ -39,14 +39,18 @@ FACES = {2: "line", 3: "triangle", 4: "quadrilateral"}
 PLAIN = {"MASS", "ROTARYI", "SPRINGA", "SPRING1", "SPRING2", "DASHPOTA", "DCOUP3D"}  # no cells: left out
 
 
+Entry = int | str | range  # a label, the name of another set, a row of labels
+
+
 class Deck:
     """What is gathered from the lines of a file."""
 
     def __init__(self) -> None:
-        self.nodes: dict[tuple[str, int], int] = {}  # part and label to number
+        self.nodes: dict[str, dict[int, int]] = {}  # part to label to number
         self.points: list[list[float]] = []
-        self.tables: dict[tuple[str, int], list[tuple[str, int, Integers]]] = {}  # kind, nodes each: part, label, nodes
-        self.sets: dict[tuple[str, str], list[tuple[str, int | str]]] = {}  # what ("NSET" or "ELSET"), name: part and label, or name
+        self.labels: list[int] = []  # of the nodes
+        self.tables: dict[tuple[str, int], list[tuple[str, Integers, Integers]]] = {}  # kind, nodes each: part, labels (c,), nodes (c, n)
+        self.sets: dict[tuple[str, str], list[tuple[str, Entry]]] = {}  # what ("NSET" or "ELSET") and name: part and member
         self.sides: dict[str, list[tuple[str, int | str, str]]] = {}
         self.spelled: dict[str, str] = {}  # names as they are first written
         self.instances: list[str] = []
@@ -73,10 +77,12 @@ def read(path: Path) -> Raw:
             if len(set(deck.instances)) < len(deck.instances):
                 raise InputError(f"two instances of part {options.get('PART')}: export the mesh as one part")
         elif keyword == "NODE":
+            known = deck.nodes.setdefault(part, {})
             for line in lines:
-                if (part, int(line[0])) in deck.nodes:
+                if int(line[0]) in known:
                     raise InputError(f"node {line[0]} is there twice")
-                deck.nodes[part, int(line[0])] = len(deck.points)
+                known[int(line[0])] = len(deck.points)
+                deck.labels.append(int(line[0]))
                 deck.points.append([float(word or 0) for word in (*line[1:4], "0", "0", "0")[:3]])
             if "NSET" in options:
                 deck.sets.setdefault(("NSET", deck.name(options["NSET"])), []).extend((part, int(line[0])) for line in lines)
@@ -131,15 +137,14 @@ def _elements(deck: Deck, part: str, options: dict[str, str], lines: list[list[s
     numbers = np.array([int(word) for line in lines for word in line if word], np.int64)
     if (kind == "line" and any(len(line) != len(lines[0]) for line in lines)) or len(numbers) % (1 + size):
         raise InputError(f"*ELEMENT, TYPE={name}: {len(numbers)} numbers are not cells of a label and {size} nodes")
-    table = deck.tables.setdefault((kind, size), [])
-    for row in numbers.reshape(-1, 1 + size):
-        missing = [label for label in row[1:].tolist() if (part, label) not in deck.nodes]
-        if missing:
-            raise InputError(f"cell {row[0]} names node {missing[0]}, which is not there")
-        table.append((part, int(row[0]), np.array([deck.nodes[part, label] for label in row[1:].tolist()], np.int64)))
+    labels, known = numbers.reshape(-1, 1 + size)[:, 0], deck.nodes.get(part, {})
+    nodes = np.array([known.get(label, -1) for label in numbers.reshape(-1, 1 + size)[:, 1:].ravel().tolist()], np.int64).reshape(-1, size)
+    if (wrong := np.argwhere(nodes < 0)).size:
+        row, at = wrong[0]
+        raise InputError(f"cell {labels[row]} names node {numbers.reshape(-1, 1 + size)[row, 1 + at]}, which is not there")
+    deck.tables.setdefault((kind, size), []).append((part, labels, nodes))
     if "ELSET" in options:
-        labels = numbers.reshape(-1, 1 + size)[:, 0].tolist()
-        deck.sets.setdefault(("ELSET", deck.name(options["ELSET"])), []).extend((part, label) for label in labels)
+        deck.sets.setdefault(("ELSET", deck.name(options["ELSET"])), []).extend((part, label) for label in labels.tolist())
 
 
 def _set(deck: Deck, part: str, keyword: str, options: dict[str, str], lines: list[list[str]]) -> None:
@@ -152,9 +157,9 @@ def _set(deck: Deck, part: str, keyword: str, options: dict[str, str], lines: li
             if len(line) not in (2, 3) or not all(word.lstrip("-").isdigit() for word in line):
                 raise InputError(f"*{keyword}, {options[keyword]}, GENERATE: a line must have a first, a last and perhaps a step")
             first, last, step = (int(word) for word in (*line, "1")[:3])
-            if step < 1 or (last - first) / step > 1e8:
+            if step < 1:
                 raise InputError(f"*{keyword}, {options[keyword]}, GENERATE: {', '.join(line)} is no row of numbers")
-            members.extend((owner, label) for label in range(first, last + 1, step))
+            members.append((owner, range(first, last + 1, step)))
         else:
             for word in line:
                 last_word = word.rpartition(".")[2]
@@ -169,7 +174,7 @@ def _owner(deck: Deck, part: str, options: dict[str, str]) -> str:
 
 def _part_of(deck: Deck, text: str) -> str:
     """The part behind an instance: the only one, or the one after which instances are named (PART-1)."""
-    parts = {owner for owner, _ in deck.nodes}
+    parts = set(deck.nodes)
     name = text.split(".")[0].strip().strip('"').upper()
     return next((owner for owner in (name, name.rpartition("-")[0]) if owner in parts), next(iter(parts)) if len(parts) == 1 else name)
 
@@ -185,13 +190,17 @@ def _surface(deck: Deck, part: str, options: dict[str, str], lines: list[list[st
 
 
 def _members(deck: Deck, what: str, name: str, seen: tuple[str, ...] = ()) -> list[tuple[str, int]]:
-    """All part-and-label pairs of a set, those of the sets that it names too."""
+    """All part-and-label pairs of a set, those of the sets that it names too; of rows of labels those that there are."""
     if name in seen:
         raise InputError(f"set {deck.spelled[name]} names itself")
     found = []
     for owner, entry in deck.sets[what, name]:
         if isinstance(entry, int):
             found.append((owner, entry))
+        elif isinstance(entry, range):
+            tables = (labels.tolist() for rows in deck.tables.values() for part, labels, _ in rows if part == owner)
+            there = deck.nodes.get(owner, {}) if what == "NSET" else [label for labels in tables for label in labels]
+            found += [(owner, label) for label in there if label in entry]
         elif (what, entry) in deck.sets:
             found += _members(deck, what, entry, (*seen, name))
         else:
@@ -203,16 +212,18 @@ def _raw(deck: Deck) -> Raw:
     blocks: list[Block] = []
     place: dict[tuple[str, int], tuple[int, int]] = {}  # part and label to block and row
     for (kind, size), rows in deck.tables.items():
-        place |= {(part, label): (len(blocks), i) for i, (part, label, _) in enumerate(rows)}
+        owners = [(part, label) for part, labels, _ in rows for label in labels.tolist()]
+        place |= {key: (len(blocks), i) for i, key in enumerate(owners)}
         order = MIDDLE_SECOND if kind == "line" and size == 3 else list(range(size))
-        blocks.append(block(kind, np.stack([nodes for _, _, nodes in rows])[:, order],
-                            np.array([label for _, label, _ in rows], np.int64), () if size == 27 else None))
+        blocks.append(block(kind, np.concatenate([nodes for _, _, nodes in rows])[:, order],
+                            np.concatenate([labels for _, labels, _ in rows]), () if size == 27 else None))
     groups: dict[tuple[str, int], list[tuple[int, Integers]]] = {}
     node_sets: dict[str, Integers] = {}
     for what, name in deck.sets:
         members = _members(deck, what, name)
         if what == "NSET":
-            node_sets[deck.spelled[name]] = np.array([deck.nodes[key] for key in members if key in deck.nodes], np.int64)
+            found = [deck.nodes[part][label] for part, label in members if label in deck.nodes.get(part, {})]
+            node_sets[deck.spelled[name]] = np.array(found, np.int64)
         elif pairs := [place[key] for key in members if key in place]:
             number, row = np.array(pairs, np.int64).T
             dimension = max(CELLS[blocks[n].kind].dimension for n in set(number.tolist()))
@@ -232,4 +243,4 @@ def _raw(deck: Deck) -> Raw:
             groups.setdefault((deck.spelled[name], k - 1 if k == 2 else 2), []).append((len(blocks), np.arange(len(rows_of))))
             blocks.append(Block(FACES[k], np.stack(rows_of)))
     return Raw(np.array(deck.points, np.float64).reshape(-1, 3), blocks, groups, node_sets,
-               np.array([label for _, label in deck.nodes], np.int64))
+               np.array(deck.labels, np.int64))

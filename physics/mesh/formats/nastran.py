@@ -20,10 +20,9 @@ from physics.schema import InputError
 Integers = NDArray[np.int64]
 
 CARDS = {"CTETRA": ("tetrahedron", (4, 10)), "CPENTA": ("prism", (6, 15)), "CHEXA": ("hexahedron", (8, 20)), "CTRIA3": ("triangle", (3,)),
-         "CTRIAR": ("triangle", (3,)), "CTRIA6": ("triangle", (6,)), "CQUAD4": ("quadrilateral", (4,)), "CQUADR": ("quadrilateral", (4,)),
-         "CSHEAR": ("quadrilateral", (4,)), "CQUAD8": ("quadrilateral", (8,)), "CBAR": ("line", (2,)), "CBEAM": ("line", (2,)),
+         "CTRIAR": ("triangle", (3,)), "CTRIA6": ("triangle", (3, 6)), "CQUAD4": ("quadrilateral", (4,)), "CQUADR": ("quadrilateral", (4,)),
+         "CSHEAR": ("quadrilateral", (4,)), "CQUAD8": ("quadrilateral", (4, 8)), "CBAR": ("line", (2,)), "CBEAM": ("line", (2,)),
          "CROD": ("line", (2,)), "CPYRAM": ("pyramid", (5, 13)), "CPYRA": ("pyramid", (5, 13))}
-SOLID = ("CTETRA", "CPENTA", "CHEXA", "CPYRAM", "CPYRA")
 _EDGES = CELLS["hexahedron"].edges
 MIDDLES: dict[str, Corners] = VTK_MIDDLES | {"hexahedron": (*_EDGES[:4], *_EDGES[8:], *_EDGES[4:8])}  # bottom, upright, top
 
@@ -32,7 +31,7 @@ def read(path: Path) -> Raw:
     """A file of bulk data. Raises `InputError`, or ValueError, for what is not one."""
     labels, points = [], []
     tables: dict[tuple[str, int], list[tuple[int, int, list[int]]]] = {}  # kind, nodes each: label, property, nodes
-    held: dict[str, list[int]] = {}
+    held: dict[str, list[list[int]]] = {}  # first and last
     for name, fields in _cards(path):
         if name == "GRID":
             if fields[1:2] and fields[1] not in ("", "0"):
@@ -41,17 +40,16 @@ def read(path: Path) -> Raw:
             points.append([_number(field) for field in (*fields[2:5], "", "", "")[:3]])
         elif name in CARDS:
             kind, sizes = CARDS[name]
-            words = fields[2:] if name in SOLID else fields[2:2 + sizes[-1]]
-            nodes = [int(word) for word in words if word]
-            size = max((n for n in sizes if n <= len(nodes)), default=0)
-            if not size:
-                raise InputError(f"cell {fields[0]}: a {name} has {len(nodes)} nodes")
-            tables.setdefault((kind, size), []).append((int(fields[0]), int(fields[1] or 0), nodes[:size]))
+            words = [word for word in fields[2:2 + sizes[-1]] if word not in ("", "0")]
+            size = sizes[-1] if len(words) == sizes[-1] else sizes[0]  # some middle nodes may be left out: then all are
+            words = fields[2:2 + size]
+            if len(words) < size or "" in words:
+                raise InputError(f"cell {fields[0]}: a {name} has {len(words)} nodes")
+            tables.setdefault((kind, size), []).append((int(fields[0]), int(fields[1] or 0), [int(word) for word in words]))
         elif name == "SPC1":
             words = fields[2:]
-            if words[1:2] and words[1].upper() == "THRU":
-                words = [str(n) for n in range(int(words[0]), min(int(words[2]), 10**8) + 1)]
-            held.setdefault(f"spc-{fields[0]}", []).extend(int(word) for word in words if word)
+            through = [int(words[0]), int(words[2])] if words[1:2] and words[1].upper() == "THRU" else []
+            held.setdefault(f"spc-{fields[0]}", []).extend([through] if through else [[int(word)] * 2 for word in words if word])
     known = np.array(labels, np.int64)
     blocks, groups = [], dict[tuple[str, int], list[tuple[int, Integers]]]()
     for number, ((kind, _), rows) in enumerate(tables.items()):
@@ -60,7 +58,8 @@ def read(path: Path) -> Raw:
         owner = np.array([row[1] for row in rows])
         for tag in np.unique(owner[owner != 0]):
             groups.setdefault((f"{tag}", CELLS[kind].dimension), []).append((number, np.flatnonzero(owner == tag)))
-    node_sets = {name: found[found >= 0] for name, nodes in held.items() if (found := numbered(known, np.array(nodes, np.int64))).size}
+    node_sets = {name: np.flatnonzero(np.any([(known >= first) & (known <= last) for first, last in rows], axis=0))
+                 for name, rows in held.items()}
     return Raw(np.array(points, np.float64).reshape(-1, 3), blocks, groups, node_sets, known)
 
 

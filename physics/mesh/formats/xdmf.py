@@ -1,7 +1,8 @@
 """.xdmf files of several grids, as dolfinx writes a mesh and its tags: one grid of cells, and one of tagged entities for each MeshTags.
 
-The numbers of a grid's tags name its groups. Light data are XML, heavy data HDF5 beside it; nodes are in VTK's order. The grids
-share the nodes of the first one, which the others include by an XPointer.
+The numbers of a grid's tags name its groups; where tags of two names have the same number, with their names: "walls-1", "loads-1".
+Light data are XML, heavy data HDF5 beside it; nodes are in VTK's order. The grids share the nodes of the first one, which the others
+include by an XPointer.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ def grids(path: Path) -> list[ElementTree.Element]:
 def read(path: Path) -> Raw:
     """A file of several grids. Raises `InputError`, or what h5py and numpy raise, for what is not one."""
     points, blocks = None, []
-    groups: dict[tuple[str, int], list[tuple[int, Integers]]] = {}
+    tagged: dict[tuple[str, int], dict[str, list[tuple[int, Integers]]]] = {}  # number and dimension to name to cells
     for grid in grids(path):
         geometry = grid.find("Geometry")
         item = None if geometry is None else geometry.find("DataItem")
@@ -60,9 +61,12 @@ def read(path: Path) -> Raw:
             if len(tags) != len(blocks[-1].nodes) or not np.array_equal(tags, np.rint(tags)):
                 continue  # a field, and no tags
             for tag in np.unique(tags):
-                groups.setdefault((f"{int(tag)}", CELLS[kind].dimension), []).append((len(blocks) - 1, np.flatnonzero(tags == tag)))
+                of = tagged.setdefault((f"{int(tag)}", CELLS[kind].dimension), {})
+                of.setdefault(attribute.get("Name", "tags"), []).append((len(blocks) - 1, np.flatnonzero(tags == tag)))
     if points is None:
         raise InputError("no grid with nodes of its own")
+    groups = {(number if len(names) == 1 else f"{name}-{number}", dimension): members
+              for (number, dimension), names in tagged.items() for name, members in names.items()}
     return Raw(points, blocks, groups)
 
 

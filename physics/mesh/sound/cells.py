@@ -35,6 +35,8 @@ def by_shape(kind: str, cells: Integers) -> list[tuple[str, Integers, Integers]]
 
     The kind is "" for what is no cell at all, as a triangle with two corners.
     """
+    if CELLS[kind].dimension == 0 or (np.diff(np.sort(cells, axis=1), axis=1) != 0).all():
+        return [(kind, np.arange(len(cells)), cells)]
     first = (cells[:, :, None] == cells[:, None, :]).argmax(axis=2)  # (C, n) where each corner is named first
     shapes, which = np.unique(first, axis=0, return_inverse=True)
     found = []
@@ -72,8 +74,10 @@ def _shape(kind: str, first: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
     return "", tuple(left)
 
 
-def upright(points: Floats, cells: Integers, kind: str, cell: Called, node: Called) -> tuple[Integers, int]:
-    """The cells with positive volume, and how many had to be turned for that.
+def upright(points: Floats, cells: Integers, kind: str, cell: Called, node: Called) -> tuple[Integers, int, Integers]:
+    """The cells with positive volume, how many had to be turned for that, and which have a flat corner.
+
+    A corner is flat where its edges lie in one plane, as where two sides of a quadrilateral form one line.
 
     Raises:
         InputError: one has a side without length or no volume, crosses itself, or is inside out at a corner
@@ -102,12 +106,7 @@ def upright(points: Floats, cells: Integers, kind: str, cell: Called, node: Call
     inner = _inside(points, cells, kind)
     if (wrong := np.flatnonzero(~(inner > 0))).size:
         raise InputError(f"{cell(wrong[0])} is inside out in its middle: one of its corners is in a wrong place")
-    return cells, int(turned.sum())
-
-
-def flat_corners(points: Floats, cells: Integers, kind: str) -> Integers:
-    """The numbers of the cells with a corner that is flat, as where two sides of a quadrilateral form one line."""
-    return np.flatnonzero((corners(points, cells, kind) <= FLAT).any(axis=1))
+    return cells, int(turned.sum()), np.flatnonzero((abs(corner) <= FLAT).any(axis=1))
 
 
 def _sound(corner: Floats) -> NDArray[np.bool_]:
@@ -124,7 +123,7 @@ def corners(points: Floats, cells: Integers, kind: str) -> Floats:
     else:
         ways = np.array([WAYS[kind][i] for i in range(cells.shape[1])])  # (n, 3)
         edges = x[:, ways] - x[:, :, None]  # (C, n, 3, 3)
-        spanned, lengths = np.linalg.det(edges), np.linalg.norm(edges, axis=3).prod(axis=2)
+        spanned, lengths = _triple(edges), np.linalg.norm(edges, axis=3).prod(axis=2)
     return np.divide(spanned, lengths, out=np.zeros_like(spanned), where=lengths > 0)
 
 
@@ -145,6 +144,13 @@ PLACE = {  # of the corners in a cell's own coordinates
 WAYS = {kind: _ways(kind) for kind in PLACE}
 
 
+def _triple(rows: Floats) -> Floats:
+    """(...) determinants of (..., 3, 3)."""
+    a, b, c = rows[..., 0, :], rows[..., 1, :], rows[..., 2, :]
+    return (a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1]) + a[..., 1] * (b[..., 2] * c[..., 0] - b[..., 0] * c[..., 2])
+            + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0]))
+
+
 def _inside(points: Floats, cells: Integers, kind: str) -> Floats:
     """(C,) smallest Jacobian determinant over the points at which a cell is sampled."""
     x = points[cells]
@@ -156,7 +162,7 @@ def _inside(points: Floats, cells: Integers, kind: str) -> Floats:
         first, second = np.einsum("qn,cnd->cqd", along, x), np.einsum("qn,cnd->cqd", across, x)
         return (first[:, :, None, 0] * second[:, None, :, 1] - first[:, :, None, 1] * second[:, None, :, 0]).min(axis=(1, 2))
     jacobian = np.einsum("qne,cnd->cqed", CELLS[kind].shapes(CELLS[kind].points)[1], x)
-    return np.linalg.det(jacobian).min(axis=1)
+    return _triple(jacobian).min(axis=1)
 
 
 def _volume(points: Floats, cells: Integers, kind: str) -> tuple[Floats, Floats]:
