@@ -94,7 +94,8 @@ def measured(monkeypatch):
     monkeypatch.setattr(module, "measure", measure)
     monkeypatch.setattr(module, "warm_up", asked.warm.append)
     monkeypatch.setattr(module, "_pictures", lambda out, found: [])
-    monkeypatch.setattr(module, "write_report", lambda out, report: asked.__dict__.update(report=report, out=out) or {"summary": "words"})
+    monkeypatch.setattr(module, "write_report", lambda out, report, shown: asked.__dict__.update(report=report, out=out)
+                        or {"summary": "words"})
     return asked
 
 

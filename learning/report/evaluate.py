@@ -27,13 +27,13 @@ from learning.prediction.rivals import REFERENCE, coarser, elements, follow, tri
 from learning.prediction.surrogates import corrected, estimated, learned
 from learning.report.measure import Measurement, measure
 from learning.report.report import write_report
-from learning.report.table import Report, Row, best_learned
+from learning.report.shown import exhibits, worst_frames
+from learning.report.table import Report, Row
 from learning.samples.seen import Seen, outside, read_seen
 from physics.scene import Scene
 from physics.schema import InputError
 from physics.view import Obstacle, frame_picture
 
-WORST = 5  # pictures
 SAMPLE = 25  # frames of a trajectory at which the equations are checked
 
 
@@ -89,7 +89,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
                     outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
                     facts=_facts(runs, cases, found, repeats), notes=_limits(cases, found, runs, spans))
-    content = write_report(out, report)
+    content = write_report(out, report, exhibits(found))
     if say is not None:
         for line in (*summary(found.rows), content["summary"], f"report: {out / 'report.html'}"):
             say(line)
@@ -114,10 +114,8 @@ def warm_up(scene: Scene) -> None:
 
 def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
     """Draw the worst frame of each of the worst trajectories of the best network: file names and captions."""
-    best = best_learned(found.rows)
-    frames = sorted((frame for frame in found.frames if best is not None and frame.predictor == best.name), key=lambda frame: -frame.error)
     pictures = []
-    for frame in frames[:WORST]:
+    for frame in worst_frames(found):
         case, step, surface = frame.case, frame.step, frame.case.trajectory.obstacle
         name = f"frame_{case.name}.png"
         frame_picture(out / name, case.mesh, prediction=frame.displacement, truth=case.truth[step], step=step, steps=case.steps,

@@ -105,9 +105,9 @@ def draw(mesh: Mesh, displacement: Floats, colour: Floats, limits: tuple[float, 
     plotter.add_mesh(body, scalars="colour", **scale, show_scalar_bar=False, show_edges=True,
                      edge_color="#555555", line_width=0.6, ambient=0.55, diffuse=0.5, specular=0.0)
     if outline is not None:
-        lines = _surface(mesh, mesh.points).extract_feature_edges(40, manifold_edges=False)
-        if lines.n_points:  # a round body has none
-            lines.points = (mesh.points + outline)[lines["node"]]
+        edges = feature_edges(mesh)
+        if len(edges):  # a round body has none
+            lines = pv.PolyData(mesh.points + outline, lines=np.insert(edges, 0, 2, axis=1).ravel())
             plotter.add_mesh(lines, color="#1f4e9c", line_width=1.6, lighting=False)
     if obstacle is not None:
         rigid = pv.PolyData(np.asarray(obstacle.points, np.float64), _faces([obstacle.triangles]))
@@ -122,6 +122,14 @@ def draw(mesh: Mesh, displacement: Floats, colour: Floats, limits: tuple[float, 
     picture = plotter.screenshot(None, return_img=True)
     plotter.close()
     return np.asarray(picture)[..., :3]
+
+
+def feature_edges(mesh: Mesh) -> Integers:
+    """(E, 2) nodes of the edges that outline a body at rest: where facets meet at more than 40 degrees, and rims of plane ones."""
+    lines = _surface(mesh, mesh.points).extract_feature_edges(40, manifold_edges=False)
+    if not lines.n_points:
+        return np.zeros((0, 2), np.int64)
+    return np.asarray(lines["node"])[lines.lines.reshape(-1, 3)[:, 1:]]
 
 
 def _surface(mesh: Mesh, points: Floats) -> pv.PolyData:
