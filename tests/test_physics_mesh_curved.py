@@ -10,7 +10,7 @@ from physics.mesh.boxes import box, rectangle
 from physics.mesh.cell import CELLS
 from physics.mesh.files import read_mesh
 from physics.mesh.formats.raw import VTK_MIDDLES
-from physics.mesh.sound.curved import smallest_jacobian
+from physics.mesh.sound.curved import complete, entities, smallest_jacobian
 from physics.modes.laplacian import laplacian_modes
 from physics.scene import Body
 from physics.schema import InputError
@@ -84,3 +84,30 @@ def test_the_jacobian_of_a_curved_cell_is_the_slope_of_its_map(tmp_path, cell):
     least = smallest_jacobian(mesh.points, mesh.cells, cell, mesh.middles)
     whole = np.pi * 0.5 / 320 / 2 * 0.75 * 2 * (0.2 if CELLS[cell].dimension == 3 else 1.0)  # [m2] or [m3] of a cell at radius 0.75
     assert (least > 0.5 * whole).all() and (least < 1.5 * whole).all()
+
+
+def one_cube(bend):
+    """A unit cube of one hexahedron, moved by a function of places, and what its edges, faces and inside have for middles."""
+    mesh = box(Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell="hexahedron"))
+    middles = {}
+    for group in entities("hexahedron"):
+        rows = np.unique(np.sort(mesh.cells[0, np.array(group)], axis=1), axis=0)
+        middles[rows.shape[1]] = rows, bend(mesh.points[rows].mean(axis=1))
+    return bend(mesh.points), mesh.cells, middles
+
+
+def test_the_smallest_determinant_is_that_of_a_map_which_the_cell_has_exactly():
+    """X = x + a y^2 z^2, Y = y + a x^2, Z = z has det J = 1 - 4 a^2 x y z^2, which is least at the far corner."""
+    for a in (0.2, 0.45):
+        points, cells, middles = one_cube(lambda x, a=a: x + a * np.stack([x[..., 1]**2 * x[..., 2]**2, x[..., 0]**2, 0 * x[..., 0]], axis=-1))
+        assert smallest_jacobian(points, cells, "hexahedron", middles) == pytest.approx([1 - 4 * a**2])
+
+
+def test_faces_without_a_node_lie_where_the_edges_put_them():
+    """A serendipity cell: its map x + 0.3 (y^2 + y z^2, x^2 z, x y) is one of the functions of twenty nodes."""
+    def bend(x):
+        return x + 0.3 * np.stack([x[..., 1]**2 + x[..., 1] * x[..., 2]**2, x[..., 0]**2 * x[..., 2], x[..., 0] * x[..., 1]], axis=-1)
+    points, cells, middles = one_cube(bend)
+    found = complete(points, cells, "hexahedron", {2: middles[2]})
+    for k in (2, 4, 8):
+        assert np.array_equal(found[k][0], middles[k][0]) and found[k][1] == pytest.approx(middles[k][1])
