@@ -99,7 +99,9 @@ def one_cube(bend):
 def test_the_smallest_determinant_is_that_of_a_map_which_the_cell_has_exactly():
     """X = x + a y^2 z^2, Y = y + a x^2, Z = z has det J = 1 - 4 a^2 x y z^2, which is least at the far corner."""
     for a in (0.2, 0.45):
-        points, cells, middles = one_cube(lambda x, a=a: x + a * np.stack([x[..., 1]**2 * x[..., 2]**2, x[..., 0]**2, 0 * x[..., 0]], axis=-1))
+        def bend(x, a=a):
+            return x + a * np.stack([x[..., 1]**2 * x[..., 2]**2, x[..., 0]**2, 0 * x[..., 0]], axis=-1)
+        points, cells, middles = one_cube(bend)
         assert smallest_jacobian(points, cells, "hexahedron", middles) == pytest.approx([1 - 4 * a**2])
 
 
