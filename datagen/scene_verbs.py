@@ -145,11 +145,13 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
               "largest_penetration": float(solution.penetration.max()),
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
               "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
-              "resumed_after_step": solution.resumed}
+              "resumed_after_step": solution.resumed, "remarks": list(solution.mesh.remarks)}
     say(f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
         f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
     for what, why in result["model"].items():
         say(f"  {what}: {why}")
+    for text in result["remarks"]:
+        say(text)
     if html is not None:
         result["html"] = str(html)
         say(f"page: {html}")
