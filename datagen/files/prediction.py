@@ -112,14 +112,14 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
     result = {**figures, "nothing_moves": idle, "units": {name: column.si for name, column in FIGURES.items()},
               "verdict": verdict(figures, idle)} | ({"files": each} if several else {})
     if out is not None:
-        from physics.view import Obstacle, frame_picture
+        from physics.view import ObstacleSurface, frame_picture
 
         assert worst is not None
         _, mesh, u, v, step, surface = worst
         out.mkdir(parents=True, exist_ok=True)
         (out / "verify.json").write_text(json.dumps(finite(result), indent=1))
         frame_picture(out / "worst.png", mesh, prediction=u[step], truth=v[step], step=step, steps=len(v) - 1,
-                      obstacle=None if surface is None else Obstacle(*surface).at(step))
+                      obstacle=None if surface is None else ObstacleSurface(*surface).at(step))
     return result
 
 
