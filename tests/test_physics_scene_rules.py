@@ -279,7 +279,7 @@ def test_files(tmp_path):
 
 
 @pytest.mark.parametrize("name, table, takes", [
-    ("body", {"shape": "file", "file": "a.msh"}, "shape, path, order, element, plane, thickness"),
+    ("body", {"shape": "file", "file": "a.msh"}, "shape, path, scale, order, element, plane, thickness"),
     ("body", {"lenght": 1}, "shape, length, width, height, cells, cell_size, cell, order, element"),
     ("body", {"shape": "plate", "cell": "triangle", "x": 1}, "shape, length, width, height, cells, cell_size, cell, order, element, plane, "
                                                              "thickness"),
