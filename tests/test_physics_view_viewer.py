@@ -316,7 +316,7 @@ def test_another_exhibit_is_chosen_by_its_name(browser, page):
     assert edges(mask) == pytest.approx(expected(camera, np.concatenate([MESH.points + bent()[-1], triangle]), mask.shape), abs=2)
     pixels = browser.pixels("canvas")
     glass = pixels[(pixels[..., 3] > 100) & (pixels[..., 3] < 200)]  # what lies behind the obstacle is seen through it
-    assert len(glass) > 300 and np.mean(np.ptp(glass[:, :3], axis=1) < 15) > 0.9  # but for pixels that the body covers in part
+    assert np.sum(np.ptp(glass[:, :3], axis=1) < 15) > 3000  # grey; others are pixels that the body covers in part
 
 
 @browser_needed
