@@ -281,6 +281,23 @@ def test_colours_are_those_of_the_scale(browser):
 
 
 @browser_needed
+def test_the_near_side_hides_the_far_one(chromium, tmp_path):
+    """Only the side towards the eye, -y, is off; turned by half a turn, 393 pixels, the body shows its other side."""
+    still, off = np.zeros((1, *MESH.points.shape)), np.zeros((1, *MESH.points.shape))
+    off[0, MESH.points[:, 1] < 1e-6, 1] = -1e-3
+    write_page(tmp_path / "sides.html", "sides", [path_exhibit("sides", MESH, {"guess": off, "fe": still}, RUBBER, truth="fe")], {})
+    chromium.resize(1000, 900)
+    chromium.open(tmp_path / "sides.html")
+    dark, pale = (255 * np.array(colormaps["YlOrRd"](level)[:3]) for level in (1.0, 0.0))
+    x, y = middle(chromium)
+    for near, far in ((dark, pale), (pale, dark)):
+        pixels = chromium.pixels("canvas")
+        left = pixels[:, :pixels.shape[1] // 2]
+        assert spread(left, near) > 0.4 and spread(left, far) < 0.2  # of the top some is seen as well
+        chromium.drag((x - 196, y), (x + 197, y))
+
+
+@browser_needed
 def test_the_csv_holds_the_frame_in_si_units(browser):
     browser.choose(".right select", "nothing")
     rows = list(csv.DictReader(io.StringIO(browser.download(".csv", ".csv").decode())))
