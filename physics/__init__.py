@@ -28,7 +28,7 @@ from typing import Any
 _PUBLIC = {
     "Body": "scene", "InputError": "schema", "Load": "scene", "Material": "scene", "Mesh": "mesh.mesh",
     "NoEquilibrium": "equilibrium.state", "Obstacle": "scene", "Scene": "scene", "Solution": "solution", "Steps": "scene",
-    "Support": "scene", "build_mesh": "mesh.build", "elastic_modes": "modes.elastic", "film": "view",
+    "Support": "scene", "Where": "scene", "build_mesh": "mesh.build", "elastic_modes": "modes.elastic", "film": "view",
     "laplacian_modes": "modes.laplacian", "load_body": "scene", "load_scene": "scene", "read_mesh": "mesh.files", "read_scene": "scene",
     "solve": "solution", "verify": "fidelity.verify", "von_mises": "body.stress", "write_mesh": "mesh.files",
 }

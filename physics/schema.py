@@ -139,7 +139,8 @@ def _value(hint: Any, value: Any, where: str) -> Any:
     """One value converted to an annotated type, or `InputError`."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (types.UnionType, typing.Union):
-        return _value(next((a for a in arguments if a is type(value)), arguments[0]), value, where)
+        tables = (a for a in arguments if isinstance(value, dict) and dataclasses.is_dataclass(a))
+        return _value(next((a for a in arguments if a is type(value)), next(tables, arguments[0])), value, where)
     if dataclasses.is_dataclass(hint):
         return read_table(hint, value, where)  # type: ignore[arg-type]
     if origin is tuple:

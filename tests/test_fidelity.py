@@ -219,6 +219,7 @@ def solved(monkeypatch, tmp_path):
         smallest_det_f=np.array([1, 0.9, 0.75, 0.8, 0.95]),
         reaction=np.array([[9.0, 0, 0], [0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]]),
         linear_steps=2,
+        mesh=SimpleNamespace(remarks=()),
     )
     monkeypatch.setattr("physics.solution.solve", lambda scene, **how: solution)
     made = SimpleNamespace(extra={"model": {"inertia": "left out"}})
@@ -235,7 +236,7 @@ def test_a_simulation_is_told_by_its_extremes_and_sums(solved, capsys):
     result = json.loads(called(capsys, "simulate", solved.scene, "--out", solved.out, "--json")[1])
     assert result == {"steps": 4, "ms_per_step": 500.0, "newton_iterations": 11, "factorisations": 6, "largest_relative_residual": 5e-7,
                       "largest_penetration": 3e-5, "smallest_det_f": 0.75, "reaction": [[0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]],
-                      "model": {"inertia": "left out"}, "linear_steps": 2, "seconds": 2.0, "resumed_after_step": 0}
+                      "model": {"inertia": "left out"}, "linear_steps": 2, "seconds": 2.0, "resumed_after_step": 0, "remarks": []}
     assert solved.written == [solved.out] and not solved.part.exists()  # the journal of a whole run is not needed any more
     assert called(capsys, "simulate", solved.scene, "--out", solved.out) == (
         0, f"4 steps in 2.00 s, 11 Newton steps, 6 factorisations, largest reaction 50.5 N: {solved.out}\n  inertia: left out\n", "")

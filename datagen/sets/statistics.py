@@ -82,7 +82,7 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
         "storage_noise": float(np.sqrt((precision(trajectory)[:, free] ** 2).sum(axis=2).mean()))}
     if trajectory.scene:
         scene = Scene.from_toml(trajectory.scene)
-        row |= {"support": " and ".join(support.where for support in scene.support) or "none",
+        row |= {"support": " and ".join(str(support.where) for support in scene.support) or "none",
                 "obstacle": scene.obstacle.shape if scene.obstacle else "none"}
     for name, value in trajectory.per_frame.items():
         if name == "reaction":
