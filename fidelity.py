@@ -67,11 +67,15 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 def verify(options: Options) -> dict[str, Any]:
     """Any prediction in the trajectory format, held against its reference and against the equations."""
+    from datagen.files.places import remarks_on_file
     from datagen.files.prediction import verify_files
+    from datagen.files.trajectory import read_trajectory
 
     result = verify_files(options.prediction, options.reference, _writable(options.out))
     for name, value in result.items():
-        _say(options, f"{name:20s} {value:.6g}")
+        _say(options, f"{name:20s} {'–' if math.isnan(value) else f'{value:.6g}'}")
+    for remark in remarks_on_file(read_trajectory(options.reference).extra):
+        _say(options, f"remark: {remark}")
     return result
 
 

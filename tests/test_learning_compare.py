@@ -99,7 +99,7 @@ def test_each_is_cheaper_by_what_its_name_says(monkeypatch):
     """What the solver is asked for: cells, steps, tolerance and law of each, for 30 steps of a beam of 12 x 4 x 4 cells."""
     asked = {}
 
-    def follow(scene, tolerance):
+    def follow(scene, tolerance, mesh=None):
         asked[name] = (scene.body.divisions, scene.steps.count, tolerance, scene.material.law)
         raise LeftOut("enough")
 

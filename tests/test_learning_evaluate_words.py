@@ -104,7 +104,7 @@ def test_scenes_solved_finer_are_evenly_spaced_and_as_many_as_asked_for(measured
     result = module.report_on([made(), made()], cases, tmp_path / "out", title="T", runs={}, refined=refined, repeats=7)
     assert measured.measure["refined"] == numbers
     assert (measured.measure["sample"], measured.measure["repeats"]) == (25, 7)
-    assert measured.bars == [{"total": 10, "desc": "evaluate", "disable": None, "unit": "rollout"}] and measured.warm == [cases[0].scene]
+    assert measured.bars == [{"total": 10, "desc": "evaluate", "disable": None, "unit": "rollout"}] and measured.warm == [cases[0]]
     assert result == {"summary": "words", "report": str(tmp_path / "out")} and (tmp_path / "out").is_dir()
     assert measured.out == tmp_path / "out"
 
@@ -138,8 +138,8 @@ def test_the_summary_is_in_mm_with_a_dash_for_what_is_missing():
 
 def test_what_is_solved_to_warm_up_is_the_coarsest_scene(monkeypatch):
     solved = []
-    monkeypatch.setattr(module, "follow", solved.append)
-    module.warm_up(pressed())
+    monkeypatch.setattr(module, "follow", lambda scene, mesh: solved.append(scene))
+    module.warm_up(SimpleNamespace(scene=pressed(), mesh=None))
     assert [scene.body.divisions for scene in solved] == [(2, 2, 2)]
 
 

@@ -52,12 +52,13 @@ class Splits:
 
 @dataclass(frozen=True)
 class Family:
-    """A family as it stands in its file: `table` is what TOML made of `text`, without [splits]."""
+    """A family as it stands in its file, in a folder: `table` is what TOML made of `text`, without [splits]."""
 
     name: str
     text: str
     table: dict[str, Any]
     splits: Splits
+    folder: Path = Path()
 
 
 def load_family(name: str | Path) -> Family:
@@ -76,7 +77,7 @@ def load_family(name: str | Path) -> Family:
     table = read_toml(path)
     try:
         splits = read_table(Splits, table.pop("splits", {}), "splits")
-        family = Family(str(table.get("name", path.stem)), path.read_text(), table, splits)
+        family = Family(str(table.get("name", path.stem)), path.read_text(), table, splits, path.parent)
         draw(family, 0, 0)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -116,6 +117,9 @@ def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
     """
     key = (seed, index, attempt)
     table = _drawn(_with_case(family.table, key), "", key)
+    body = table.get("body")
+    if isinstance(body, dict) and isinstance(body.get("path"), str):
+        body["path"] = str(family.folder / body["path"])
     obstacle = table.get("obstacle")
     if isinstance(obstacle, dict) and "place" in obstacle:
         table["obstacle"] = placed(table)

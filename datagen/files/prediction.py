@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from datagen.files.trajectory import Trajectory, as_solved, read_sound, read_trajectory
+from datagen.files.trajectory import Trajectory, as_solved, read_sound, read_trajectory, solved_on
 from physics.fidelity.verify import as_table, verify
-from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
 from physics.schema import InputError
@@ -41,7 +40,7 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
         raise InputError(f"{path}: its scene is wrong: {error}") from None
     if scene.steps.dynamic:
         raise InputError(f"{path}: a body in motion; predictions are held against the equations of equilibrium, which it does not obey")
-    mesh, own = build_mesh(scene.body), trajectory.mesh
+    mesh, own = solved_on(scene, trajectory), trajectory.mesh
     if not (np.array_equal(own.points, mesh.points) and np.array_equal(own.cells, mesh.cells)):
         raise InputError(f"{path}: its mesh is not the one that its scene builds")
     return trajectory, as_solved(scene, trajectory, len(trajectory.displacement) - 1), mesh

@@ -97,6 +97,8 @@ def digest(trajectory: Trajectory) -> str:
     arrays = {name: getattr(trajectory, name)
               for name in ("points", "connectivity", "offsets", "types", "node_kind", "displacement", "modes")}
     arrays |= {"frequencies_hz": np.array(trajectory.frequencies_hz)} | dict(sorted(trajectory.per_frame.items())) | trajectory.fields
+    arrays |= {f"place {name} {kind}": array for name, place in sorted((trajectory.places or {}).items())
+               for kind, array in sorted(place.items())}
     digest = hashlib.sha256()
     for name, array in arrays.items():
         digest.update(f"{name} {array.dtype.str} {array.shape}".encode())

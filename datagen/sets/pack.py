@@ -120,9 +120,13 @@ def encode(trajectory: Trajectory, tolerance: float) -> tuple[bytes, float]:
     arrays |= {f"field {name}": array for name, array in trajectory.fields.items()}
     if trajectory.segment is not None:
         arrays["segment"] = trajectory.segment
+    for number, place in enumerate((trajectory.places or {}).values()):
+        arrays |= {f"place {number} {kind}": array for kind, array in place.items()}
     header = {name: getattr(trajectory, name) for name in HEADER}
     header["extra"] = {**trajectory.extra, "tolerance": max(tolerance, trajectory.extra.get("tolerance", 0.0))}
     header["frames"] = len(trajectory.displacement)
+    if trajectory.places is not None:
+        header["places"] = list(trajectory.places)
     if rigid:
         arrays["path"] = trajectory.displacement[:, trajectory.node_kind == OBSTACLE][:, 0]
     arrays["moving"] = moving
@@ -151,15 +155,18 @@ def decode(blob: bytes) -> Trajectory:
     displacement[:, moving] = arrays["motion"] if "motion" in arrays else _motion(arrays["shapes"], arrays["shares"], *steps)
     ends = np.cumsum([OF_VTK[int(kind)].corners for kind in arrays["types"]])
     header["frequencies_hz"] = tuple(header["frequencies_hz"])
+    names = header.pop("places", None)
 
     def named(prefix: str) -> Arrays:
         return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
+    places = None if names is None else {name: named(f"place {number} ") for number, name in enumerate(names)}
     per_frame = {name: array.astype(np.float64 if array.dtype.kind == "f" else array.dtype) for name, array in named("frame ").items()}
     return Trajectory(
         points=arrays["points"], types=arrays["types"], node_kind=kinds, connectivity=np.cumsum(arrays["connectivity"], dtype=np.int64),
         offsets=np.concatenate([[0], ends]).astype(np.int64), displacement=displacement, segment=arrays.get("segment"),
-        modes=(arrays["modes"] * MODE_STEP).astype(np.float32), per_frame=per_frame, fields=named("field "), **header)
+        modes=(arrays["modes"] * MODE_STEP).astype(np.float32), per_frame=per_frame, fields=named("field "),
+        places=places, **header)
 
 
 def _moving(trajectory: Trajectory) -> tuple[NDArray[np.bool_], bool]:

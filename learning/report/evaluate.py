@@ -29,7 +29,6 @@ from learning.report.measure import Measurement, measure
 from learning.report.report import write_report
 from learning.report.table import Report, Row, best_learned
 from learning.samples.seen import Seen, outside, read_seen
-from physics.scene import Scene
 from physics.schema import InputError
 from physics.view import Obstacle, frame_picture
 
@@ -81,7 +80,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
               refined: int, repeats: int = 1, say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder."""
     known = {run: read_seen(run) for run in runs}
-    warm_up(cases[0].scene)
+    warm_up(cases[0])
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
         found = measure(predictors, cases, sample=SAMPLE, refined=evenly(refined, len(cases)), repeats=repeats, on_done=bar.update)
     out.mkdir(parents=True, exist_ok=True)
@@ -105,11 +104,12 @@ def summary(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def warm_up(scene: Scene) -> None:
+def warm_up(case: Case) -> None:
     """Solve something small once, so that no time of below contains the loading of compiled forms."""
+    scene, mesh = case.scene, case.mesh if case.scene.body.shape == "file" else None
     while (smaller := coarser(scene)) is not None:
         scene = smaller
-    follow(scene)
+    follow(scene, mesh=mesh)
 
 
 def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:

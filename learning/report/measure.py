@@ -100,7 +100,7 @@ def _repeated(predictor: Predictor, case: Case, repeats: int) -> Prediction:
 def _second_truth(case: Case, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """Frames (F,) and displacements (F, N, 3) of the case solved on finer cells; None when that fails."""
     try:
-        every, displacement, _ = finer(case.scene, case.mesh.points)
+        every, displacement, _ = finer(case.scene, case.mesh)
     except RuntimeError as error:
         notes.append(f"{case.name} has no finer solution: {error}.")
         return None

@@ -91,6 +91,8 @@ class Balance:
         free = rigid_motions_left(self.mesh, self.fixed)
         if free and not self.scene.steps.dynamic and (self.contact is not None or self.load.any() or self.target.any()):
             raise InputError(f"support: {free} rigid motion{'s' if free > 1 else ''} of the body left free; fix more components")
+        if self.fixed.all():
+            raise InputError("support: every node of the body is held in every direction, so nothing is left to move; hold less of it")
         inside = -self.clearance(0.0)
         if inside > GAP_TOLERANCE * self.size:
             raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")

@@ -21,11 +21,21 @@ def with_defaults(body: Any) -> Any:
     return body
 
 
+def is_plane(body: Body) -> bool:
+    """Whether a shape is plane; of a file that is not known before it is read."""
+    return body.shape == "channel" or (body.shape == "plate" and body.cell in PLANE_CELLS)
+
+
+def keys_of(body: Body) -> list[str]:
+    """The keys that the shape of a body takes."""
+    plane = is_plane(body)
+    takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
+    return takes + ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
+
+
 def check_body(body: Body, given: dict[str, Any]) -> None:
     """Which keys a shape needs, takes and refuses."""
-    plane = body.shape == "channel" or (body.shape == "plate" and body.cell in PLANE_CELLS)
-    takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
-    takes += ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
+    plane, takes = is_plane(body), keys_of(body)
     kind = f"a plane {body.shape}" if body.shape == "plate" and plane else f"a {body.shape}"
     for key in given:
         if key not in takes:

@@ -11,7 +11,7 @@ from typing import Any
 import tomli_w
 
 from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
-from physics.scene.rules import check_body, check_place, complete, with_defaults
+from physics.scene.rules import check_body, check_place, complete, keys_of, with_defaults
 from physics.schema import InputError, nearest, read_table, read_toml, to_table
 
 
@@ -29,7 +29,10 @@ class Scene:
 
     def to_toml(self) -> str:
         """The scene as a TOML file that `load_scene` reads back unchanged."""
-        return tomli_w.dumps(to_table(self))
+        table = to_table(self)
+        takes = keys_of(self.body)  # without the defaults of other shapes' keys
+        table["body"] = {key: value for key, value in table["body"].items() if key in takes}
+        return tomli_w.dumps(table)
 
     @staticmethod
     def from_toml(text: str) -> Scene:
