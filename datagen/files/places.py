@@ -98,4 +98,4 @@ def remarks_on_file(extra: dict[str, Any]) -> list[str]:
         same = hashlib.sha256(Path(path).read_bytes()).hexdigest() == known.get("sha256")
     except (OSError, ValueError):
         return [f"the mesh file {path} is not to be found from here; what counts is the mesh in the trajectory"]
-    return [] if same else [f"the mesh file {path} has changed since; what counts is the mesh in the trajectory, which was solved on the old one"]
+    return [] if same else [f"the mesh file {path} has changed since; what counts is the mesh in the trajectory"]

@@ -31,9 +31,21 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
     Raises:
         InputError: something is wrong in the file, it holds no scene or a dynamic one, or its mesh is not the one that its scene builds
     """
-    trajectory = read_sound(path)
-    if not trajectory.scene:
+    trajectory, scene, mesh = read_reference(path)
+    if scene is None:
         raise InputError(f"{path}: holds no scene, so there are no equations to hold a prediction against")
+    return trajectory, scene, mesh
+
+
+def read_reference(path: str | Path) -> tuple[Trajectory, Scene | None, Mesh]:
+    """The same, with None for the scene of a trajectory that holds none, such as an imported one: errors can be told, no more."""
+    trajectory = read_sound(path)
+    if len(trajectory.displacement) < 2:
+        raise InputError(f"{path}: a single frame, so there is no step to predict")
+    if not trajectory.free[trajectory.body].any():
+        raise InputError(f"{path}: no node is free to move, so there is nothing to predict")
+    if not trajectory.scene:
+        return trajectory, None, trajectory.mesh
     try:
         scene = Scene.from_toml(trajectory.scene)
     except InputError as error:
@@ -49,10 +61,12 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
 def verify_files(prediction: str | Path, reference: str | Path, out: Path | None = None) -> dict[str, Any]:
     """The figures of `physics.fidelity.verify.Fidelity`; with a folder, verify.json and a picture of the worst frame in it.
 
+    Where the reference has no scene, those of the equations are not numbers.
+
     Raises:
-        InputError: a file is damaged or not finite, they are not of the same mesh and steps, or the reference holds no scene
+        InputError: a file is damaged or not finite, or they are not of the same mesh and steps
     """
-    predicted, (truth, scene, mesh) = read_trajectory(prediction), read_truth(reference)
+    predicted, (truth, scene, mesh) = read_trajectory(prediction), read_reference(reference)
     if predicted.displacement.shape != truth.displacement.shape or not np.array_equal(predicted.points, truth.points):
         raise InputError(f"{prediction}: its mesh or number of frames is not that of {reference}")
     finite_frames = np.isfinite(predicted.displacement).all(axis=(1, 2))

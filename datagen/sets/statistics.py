@@ -79,9 +79,9 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
     row: dict[str, Any] = {
         "nodes": len(trajectory.points), "obstacle_nodes": int((~body).sum()), "cells": len(mesh.cells),
         "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)), "steps": len(u) - 1, "xy_extent": float(length * width),
-        "displacement_rms": _rms(moving[1:]), "displacement_largest": float(np.linalg.norm(moving, axis=2).max()),
+        "displacement_rms": _rms(moving[1:]), "displacement_largest": float(np.linalg.norm(moving, axis=2).max(initial=0.0)),
         "change_rms": _rms(change), "change_of_change_rms": _rms(np.diff(change, axis=0)) if len(u) > 2 else 0.0,
-        "storage_noise": float(np.sqrt((precision(trajectory)[:, free] ** 2).sum(axis=2).mean()))}
+        "storage_noise": _rms(precision(trajectory)[:, free])}
     if trajectory.scene:
         scene = Scene.from_toml(trajectory.scene)
         row |= {"support": " and ".join(support.where for support in scene.support) or "none",
@@ -92,13 +92,13 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
         elif name == "smallest_det_f":
             row[name] = float(value.min())
         elif name == "newton_iterations":
-            row[name] = float(value[1:].mean())
+            row[name] = float(value[1:].mean()) if len(value) > 1 else 0.0
         else:
             row[f"{name}_largest"] = float(value.max())
     if "relative_residual" in trajectory.per_frame:
         row["solver_noise"] = float(trajectory.per_frame["relative_residual"].max()) * row["displacement_rms"]
     seconds = float(trajectory.extra.get("seconds", 0.0))
-    return row | {"seconds": seconds, "ms_per_step": 1e3 * seconds / (len(u) - 1)}
+    return row | {"seconds": seconds, "ms_per_step": 1e3 * seconds / max(1, len(u) - 1)}
 
 
 def mesh_error(trajectory: Trajectory) -> dict[str, float]:
@@ -111,8 +111,10 @@ def mesh_error(trajectory: Trajectory) -> dict[str, float]:
         seconds: of the refined solution
 
     Raises:
-        RuntimeError: one of the two solutions failed, or the body is in motion, which has no finer solution here
+        RuntimeError: one of the two solutions failed, there is no scene, or its body is in motion
     """
+    if not trajectory.scene:
+        raise RuntimeError("a trajectory without a scene cannot be solved again")
     scene = Scene.from_toml(trajectory.scene)
     every = _every(scene)
     body = trajectory.body
@@ -185,18 +187,20 @@ def _refined(folder: Path, manifest: dataset.Manifest, count: int, seed: int) ->
 
 
 def _rms(vectors: NDArray[np.float64]) -> float:
-    """Root mean square length of vectors (..., 3)."""
-    return float(np.sqrt((vectors**2).sum(axis=-1).mean()))
+    """Root mean square length of vectors (..., 3); 0 of none."""
+    return 0.0 if not vectors.size else float(np.sqrt((vectors**2).sum(axis=-1).mean()))
 
 
 def lines(found: dict[str, Any], indent: str = "") -> list[str]:
     """The numbers as lines for a reader."""
     said = []
     for name, value in found.items():
-        if isinstance(value, dict) and any(isinstance(entry, dict) for entry in value.values()):
+        if isinstance(value, dict) and any(isinstance(entry, dict | list) for entry in value.values()):
             said += [f"{indent}{name}", *lines(value, indent + "  ")]
         elif isinstance(value, dict):
             said.append(f"{indent}{name:22s} " + ", ".join(f"{key} {number:.4g}" for key, number in value.items()))
+        elif name == "failures":
+            said += [f"{indent}not solved: {reason}" for reason in dict.fromkeys(value)]
         elif not isinstance(value, list):
             said.append(f"{indent}{name:22s} {value:.5g}" if isinstance(value, float) else f"{indent}{name:22s} {value}")
     return said

@@ -25,12 +25,19 @@ class LeftOut(Exception):
 
 @dataclass(frozen=True)
 class Case:
-    """A test trajectory with its scene and the mesh that the scene builds."""
+    """A test trajectory with its scene, None where it has none, and the mesh that it was solved on."""
 
     name: str
     trajectory: Trajectory
-    scene: Scene
+    known: Scene | None
     mesh: Mesh
+
+    @property
+    def scene(self) -> Scene:
+        """The scene. Raises `LeftOut` where there is none."""
+        if self.known is None:
+            raise LeftOut("there is no scene, and so there are no equations")
+        return self.known
 
     @property
     def truth(self) -> NDArray[np.float32]:

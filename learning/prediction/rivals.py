@@ -124,7 +124,7 @@ def reduced(name: str, *, fewer: int = 1) -> Predictor:
 
 
 def follow(scene: Scene, tolerance: float = TOLERANCE, mesh: Mesh | None = None) -> tuple[Mesh, Floats, float, float, int]:
-    """The solver's path, on a mesh or on that of the scene: its mesh, (T, N, 3), seconds of set-up and of stepping, and Newton steps. Raises `LeftOut`."""
+    """The solver's path: its mesh (the scene's by default), (T, N, 3), seconds of set-up and of steps, Newton steps. Raises `LeftOut`."""
     started = time.process_time()
     found = solve(scene, mesh=mesh, tolerance=tolerance)
     if found.failure:

@@ -77,7 +77,7 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             if predictor.kind == "reference":  # what counts is the file, which was solved again for its time
                 found.solved_again = max(found.solved_again, float(abs(path - case.truth).max()))
                 path = case.truth
-            fidelity = verify(path, case.truth, scene=case.scene, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
+            fidelity = verify(path, case.truth, scene=case.known, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
                               sample=sample)
             each[predictor.name].append(_scores(fidelity, prediction, case) | _against(second, path, case))
             if predictor.kind == "learned":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ import tomli_w
 
 from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
 from physics.scene.rules import check_body, check_place, complete, keys_of, with_defaults
-from physics.schema import InputError, nearest, read_table, read_toml, to_table
+from physics.schema import InputError, nearest, parse_toml, read_table, read_toml, to_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,9 +37,10 @@ class Scene:
     def from_toml(text: str) -> Scene:
         """The scene in a text, as `to_toml` writes it. Raises `InputError`."""
         try:
-            return read_scene(tomllib.loads(text))
-        except tomllib.TOMLDecodeError as error:
+            table = parse_toml(text)
+        except InputError as error:
             raise InputError(f"its scene is not TOML: {error}") from None
+        return read_scene(table)
 
 
 def load_scene(path: str | Path) -> Scene:
