@@ -40,6 +40,7 @@ from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import cell_volumes
 from physics.schema import InputError
+from physics.whole import folder_whole
 
 Fields = dict[str, NDArray[Any]]
 OURS = ("cells", "obstacle_cells", "mesh_pos", "world_pos", "node_type")
@@ -65,23 +66,24 @@ def import_records(folder: str | Path, out: str | Path, *, count: int | None = N
     found = [split for split in SPLITS if (folder / f"{split}.tfrecord").exists()]
     if not found:
         raise InputError(f"{folder}: no train.tfrecord, valid.tfrecord or test.tfrecord")
-    for split in found:
-        path = folder / f"{split}.tfrecord"
-        for number, record in enumerate(progress(read_records(path), f"reading {path.name}")):
-            if number == count:
-                break
-            try:
-                trajectory = from_fields(_decoded(record, meta), index=SPLITS.index(split) * LARGEST_SPLIT + number,
-                                         source=f"{path.name}, record {number}")
-            except InputError as error:
-                raise InputError(f"{path}, record {number}: {error}") from None
-            file = dataset.file_name(split, number)
-            write_trajectory(out / file, trajectory)
-            entries.append(dataset.entry_of(file, trajectory))
-    name = json.dumps(str(meta.get("simulator", "")) or folder.name)
-    manifest = dataset.Manifest(schema=dataset.SCHEMA, family=f"# Imported from {folder.name}\nname = {name}\n", seed=0,
-                                trajectories=tuple(entries))
-    dataset.write_manifest(out, manifest)
+    with folder_whole(out) as part:
+        for split in found:
+            path = folder / f"{split}.tfrecord"
+            for number, record in enumerate(progress(read_records(path), f"reading {path.name}")):
+                if number == count:
+                    break
+                try:
+                    trajectory = from_fields(_decoded(record, meta), index=SPLITS.index(split) * LARGEST_SPLIT + number,
+                                             source=f"{path.name}, record {number}")
+                except InputError as error:
+                    raise InputError(f"{path}, record {number}: {error}") from None
+                file = dataset.file_name(split, number)
+                write_trajectory(part / file, trajectory)
+                entries.append(dataset.entry_of(file, trajectory))
+        name = json.dumps(str(meta.get("simulator", "")) or folder.name)
+        manifest = dataset.Manifest(schema=dataset.SCHEMA, family=f"# Imported from {folder.name}\nname = {name}\n", seed=0,
+                                    trajectories=tuple(entries))
+        dataset.write_manifest(part, manifest)
     return {"trajectories": len(entries), "fields": list(meta["features"])}
 
 
@@ -108,15 +110,15 @@ def export_records(folder: str | Path, out: str | Path, *, cells: str = "tetrahe
                                  "has one layout for all")
             yield write_example({name: field.tobytes() for name, field in fields.items()})
 
-    out.mkdir(parents=True, exist_ok=True)
-    written = {split: write_records(out / f"{split}.tfrecord", records(split)) for split in SPLITS
-               if any(entry.split == split for entry in entries)}
-    if not written:
+    if not entries:
         raise InputError(f"{folder}: no trajectories")
-    features = layout["features"]
-    length = max(feature["shape"][0] for feature in features.values())
-    meta = {"simulator": "fidelity", "dt": 1.0, "features": features, "field_names": list(features), "trajectory_length": length}
-    (out / "meta.json").write_text(json.dumps(meta, indent=1))
+    with folder_whole(out) as part:
+        written = {split: write_records(part / f"{split}.tfrecord", records(split)) for split in SPLITS
+                   if any(entry.split == split for entry in entries)}
+        features = layout["features"]
+        length = max(feature["shape"][0] for feature in features.values())
+        meta = {"simulator": "fidelity", "dt": 1.0, "features": features, "field_names": list(features), "trajectory_length": length}
+        (part / "meta.json").write_text(json.dumps(meta, indent=1))
     return {"trajectories": sum(written.values()), "fields": list(features), **written}
 
 

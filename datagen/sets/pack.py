@@ -30,12 +30,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.trajectory import OBSTACLE, Trajectory, read_trajectory, write_trajectory
+from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.sets import dataset
 from datagen.sets.workers import progress
 from physics.mesh.cell import OF_VTK
 from physics.schema import InputError, read_table, to_table
-from physics.whole import written_whole
+from physics.whole import folder_whole, written_whole
 
 Arrays = dict[str, NDArray[Any]]
 SCHEMA = 1
@@ -89,24 +89,35 @@ def unpack(file: str | Path, out: str | Path) -> dict[str, Any]:
     if (out / "manifest.json").exists():
         raise InputError(f"{out} holds a data set already; choose another folder")
     try:
-        with zipfile.ZipFile(file) as archive:
+        with zipfile.ZipFile(file) as archive, folder_whole(out) as part:
             about = json.loads(archive.read("manifest.json"))
             if about.get("schema") != SCHEMA:
                 raise InputError(f"{file}: packed schema {about.get('schema')}, this program reads {SCHEMA}")
             manifest, entries = read_table(dataset.Manifest, about["manifest"]), []
             for entry in progress(manifest.trajectories, "unpacking"):
                 trajectory = decode(archive.read(entry.file.removesuffix(".vtkhdf")))
-                write_trajectory(out / entry.file, trajectory)
+                wrong = problems(trajectory)
+                if wrong:
+                    raise InputError(f"{file}: {entry.file}: {wrong[0]}")
+                write_trajectory(_inside(part, entry.file), trajectory)
                 entries.append(replace(entry, sha256=dataset.digest(trajectory)))
+            dataset.write_manifest(part, replace(manifest, trajectories=tuple(entries)))
     except FileNotFoundError:
         raise InputError(f"{file}: no such file") from None
-    except (zipfile.BadZipFile, lzma.LZMAError, KeyError, ValueError, EOFError, RuntimeError, OSError) as error:
+    except (zipfile.BadZipFile, lzma.LZMAError, KeyError, ValueError, TypeError, IndexError, AttributeError, EOFError, OverflowError,
+            RuntimeError, NotImplementedError, OSError) as error:
         # A damaged place in the archive is an OSError without a file's name; with one it is a folder that cannot be written.
         if isinstance(error, InputError) or getattr(error, "filename", None):
             raise
         raise InputError(f"{file}: not a whole packed data set: {error}") from None
-    dataset.write_manifest(out, replace(manifest, trajectories=tuple(entries)))
     return {"trajectories": len(entries), "tolerance": about["tolerance"]}
+
+
+def _inside(folder: Path, name: str) -> Path:
+    """The place of a file in a folder. Raises `InputError` for one that would lie elsewhere."""
+    if not (folder / name).resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"its manifest names {name!r}, which is no file of a data set")
+    return folder / name
 
 
 def encode(trajectory: Trajectory, tolerance: float) -> tuple[bytes, float]:

@@ -94,12 +94,14 @@ def complete(obstacle: Obstacle) -> Obstacle:
         if radius > smallest / 2:
             raise InputError(f"obstacle.radius = {radius!r}: must be at most {smallest / 2:g} m, half the smallest side of the box")
         obstacle = replace(obstacle, radius=radius)
-    elif obstacle.radius == 0:
-        raise InputError("obstacle.radius = 0.0: must be above 0 m")
+    elif obstacle.radius is not None and obstacle.radius < 1e-9:
+        raise InputError(f"obstacle.radius = {obstacle.radius!r}: must be {'at least 1e-09' if obstacle.radius else 'above 0'} m")
     for key in ("axis", "normal"):
         vector = getattr(obstacle, key)
         if vector is not None and math.hypot(*vector) == 0:
             raise InputError(f"obstacle.{key} must not be the zero vector")
+        if vector is not None and not 1e-9 <= math.hypot(*vector) <= 1e9:
+            raise InputError(f"obstacle.{key} = {list(vector)}: its length must be from 1e-9 to 1e9; what counts is its direction")
     if not obstacle.path:
         raise InputError("obstacle.path must have at least one way-point")
     return obstacle
