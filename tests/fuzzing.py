@@ -2,8 +2,8 @@
 
     python -m tests.fuzzing CASES FIRST
 
-CASES is a JSON list of [folder, command words]. A line {"case", "status"} goes to standard output before and after each; what the command says goes
-to FOLDER/said.out and FOLDER/said.err. A command that takes longer than LIMIT ends the process by SIGALRM.
+CASES is a JSON list of [folder, command words]. The status of each goes to standard output as a line, what the command says to
+FOLDER/said.out and FOLDER/said.err. A command that takes longer than LIMIT ends the process by SIGALRM.
 """
 
 import json
@@ -23,7 +23,8 @@ def run_all(cases, file):
     file.write_text(json.dumps(cases))
     statuses = []
     while len(statuses) < len(cases):
-        done = subprocess.run([sys.executable, "-m", "tests.fuzzing", file, str(len(statuses))], cwd=ROOT, stdout=subprocess.PIPE, check=False)
+        command = [sys.executable, "-m", "tests.fuzzing", file, str(len(statuses))]
+        done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=False)
         statuses += [int(line) for line in done.stdout.split()]
         if len(statuses) < len(cases):
             statuses.append(done.returncode)

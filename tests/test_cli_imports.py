@@ -106,7 +106,8 @@ def test_a_cloth_is_segmented_trained_and_held_against_its_data_without_equation
     truth = "cloth/test/0000.vtkhdf"
     (tmp_path / "config.toml").write_text('modes = "laplacian"\n' + CONFIG)
     for command in (["dataset", "import", "in", "--out", "cloth"], ["dataset", "check", "cloth"],
-                    ["dataset", "stats", "cloth", "--refined", "1"], ["segment", truth, "--segments", "3", "--method", "slic-md", "--modes", "laplacian"],
+                    ["dataset", "stats", "cloth", "--refined", "1"],
+                    ["segment", truth, "--segments", "3", "--method", "slic-md", "--modes", "laplacian"],
                     ["train", "config.toml", "--data", "cloth", "--out", "run"], ["rollout", "run", truth, "--out", "p.vtkhdf"]):
         assert run(capsys, *command)[0] == 0, command
     status, out, _ = run(capsys, "verify", "p.vtkhdf", "--reference", truth, "--json")

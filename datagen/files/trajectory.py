@@ -47,6 +47,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.files.layout import misshapen
 from datagen.files.places import Places, read_places, with_places, write_places, wrong_places
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS, OF_VTK
@@ -193,11 +194,14 @@ def read_trajectory(path: str | Path) -> Trajectory:
         raise InputError(f"{path}: no such file")
     try:
         with h5py.File(path, "r") as file:
-            return _read(file)
+            found = _read(file)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (OSError, KeyError, IndexError, ValueError, TypeError, RuntimeError) as error:
-        raise InputError(f"{path}: not a whole trajectory file: {str(error).splitlines()[0]}") from None
+    except (OSError, KeyError, IndexError, ValueError, TypeError, AttributeError, OverflowError, RuntimeError) as error:
+        raise InputError(f"{path}: not a whole trajectory file: {f'{error}'.strip().partition(chr(10))[0]}") from None
+    if wrong := misshapen(found):
+        raise InputError(f"{path}: not a whole trajectory file: {wrong}")
+    return found
 
 
 def unfinished(path: str | Path) -> str | None:
@@ -206,7 +210,7 @@ def unfinished(path: str | Path) -> str | None:
         with h5py.File(path, "r") as file:
             return None if file.attrs["complete"] else str(file.attrs["scene"])
     except (OSError, KeyError) as error:
-        raise InputError(f"{path}: not a trajectory file: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path}: not a trajectory file: {f'{error}'.strip().partition(chr(10))[0]}") from None
 
 
 def _read(file: h5py.File) -> Trajectory:

@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.files.layout import misshapen
 from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.sets import dataset
 from datagen.sets.workers import progress
@@ -96,9 +97,8 @@ def unpack(file: str | Path, out: str | Path) -> dict[str, Any]:
             manifest, entries = read_table(dataset.Manifest, about["manifest"]), []
             for entry in progress(manifest.trajectories, "unpacking"):
                 trajectory = decode(archive.read(entry.file.removesuffix(".vtkhdf")))
-                wrong = problems(trajectory)
-                if wrong:
-                    raise InputError(f"{file}: {entry.file}: {wrong[0]}")
+                if wrong := misshapen(trajectory) or "".join(problems(trajectory)[:1]):
+                    raise InputError(f"{file}: {entry.file}: {wrong}")
                 write_trajectory(_inside(part, entry.file), trajectory)
                 entries.append(replace(entry, sha256=dataset.digest(trajectory)))
             dataset.write_manifest(part, replace(manifest, trajectories=tuple(entries)))

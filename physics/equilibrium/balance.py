@@ -98,13 +98,13 @@ class Balance:
         extent, modulus = float(np.ptp(self.mesh.points, axis=0).max()), self.scene.material.young_modulus
         for i, load in enumerate(self.scene.load if self.scene.material.law != "linear" else ()):
             push = load.traction or tuple(self.scene.material.density * extent * a for a in load.acceleration or ())
-            if np.linalg.norm(push) > STRONGEST * modulus:
-                raise InputError(f"load[{i}]: {np.linalg.norm(push):.2g} Pa are {np.linalg.norm(push) / modulus:.2g} times Young's modulus; "
-                                 f"at most {STRONGEST:g} times")
+            strength = float(np.linalg.norm(push))
+            if strength > STRONGEST * modulus:
+                raise InputError(f"load[{i}]: {strength:.2g} Pa are {strength / modulus:.2g} times Young's modulus; at most {STRONGEST:g} times")
         far, allowed = self.stride(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
         if far > allowed:
-            raise InputError(f"obstacle.path: its length is {far:.2g} times what the obstacle may move at once (half of its own width or of "
-                             f"the body's); at most {allowed:g} times, or as many as there are steps")
+            raise InputError(f"obstacle.path: its length is {far:.2g} times what the obstacle may move at once (half of its own width "
+                             f"or of the body's); at most {allowed:g} times, or as many as there are steps")
         inside = -self.clearance(0.0)
         if inside > GAP_TOLERANCE * self.size:
             raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from physics.schema import InputError, quantity
 
 PLACES = ("x-min", "x-max", "y-min", "y-max", "z-min", "z-max")
 PLANE_CELLS, SOLID_CELLS = ("triangle", "quadrilateral"), ("prism", "tetrahedron", "hexahedron")
 Vector = tuple[float, float, float]
-FAR = {"at_least": -1e9, "at_most": 1e9}  # of coordinates and displacements [m], and of velocities [m/s]
-STRONG = {"at_least": -1e18, "at_most": 1e18}  # of tractions [Pa] and accelerations [m/s2]
+FAR: dict[str, Any] = {"at_least": -1e9, "at_most": 1e9}  # of coordinates and displacements [m], and of velocities [m/s]
+STRONG: dict[str, Any] = {"at_least": -1e18, "at_most": 1e18}  # of tractions [Pa] and accelerations [m/s2]
 
 # Which keys of [body] each shape takes besides shape, order, and for plane cells plane and thickness.
 KEYS = {
@@ -129,7 +130,7 @@ class Obstacle:
     """
 
     shape: str = quantity(choice=tuple(NEEDS))
-    radius: float | None = quantity(None, unit="m", at_least=0, at_most=1e9)  # of a box: of its edges, by default a twentieth of its smallest side
+    radius: float | None = quantity(None, unit="m", at_least=0, at_most=1e9)  # a box's edges: 1/20 of its smallest side
     axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule
     length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # capsule, between the centres of its ends
     size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # box
