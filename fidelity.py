@@ -83,13 +83,18 @@ def verify(options: Options) -> dict[str, Any]:
 
 
 def view(options: Options) -> dict[str, Any]:
-    """A film of a trajectory."""
+    """A film of a trajectory, or a page in which it is turned by hand."""
     from datagen.files.trajectory import read_sound
-    from physics.view import Obstacle, film
+    from datagen.scene_verbs import write_path
+    from physics.view import ObstacleSurface, film
 
     trajectory = read_sound(options.trajectory, complete=False)
-    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif")
-    surface = None if trajectory.obstacle is None else Obstacle(*trajectory.obstacle)
+    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif", ".html")
+    if out.suffix == ".html":
+        write_path(out, Path(options.trajectory).name, trajectory)
+        _say(options, f"page: {out}")
+        return {"html": str(out)}
+    surface = None if trajectory.obstacle is None else ObstacleSurface(*trajectory.obstacle)
     frames = film(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], obstacle=surface)
     _say(options, f"{frames} pictures: {out}")
     return {"pictures": frames, "out": str(out)}
@@ -139,7 +144,7 @@ def _say(options: Options, text: str) -> None:
         print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
 
 
-def _writable(path: str | Path | None, *suffixes: str) -> Any:
+def _writable(path: str | Path | None, *suffixes: str, option: str = "--out") -> Any:
     """The path of an output that can be written, checked before any work; None stays None. Without suffixes: a folder.
 
     Folders that the check had to make are taken away again: wrong input leaves nothing behind.
@@ -149,9 +154,9 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
     path = Path(path)
     suffix = bool(suffixes)
     if suffix and path.suffix not in suffixes:
-        raise InputError(f"--out {path}: the name must end in {' or '.join(suffixes)}")
+        raise InputError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
     if (suffix and path.is_dir()) or (not suffix and path.exists() and not path.is_dir()):
-        raise InputError(f"--out {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
+        raise InputError(f"{option} {path}: is {'a folder' if path.is_dir() else 'not a folder'}")
     folder = path.parent if suffix else path
     missing = [place for place in (folder, *folder.parents) if not place.exists()]  # the deepest first
     try:
@@ -160,7 +165,7 @@ def _writable(path: str | Path | None, *suffixes: str) -> Any:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise InputError(f"--out {path}: {error.strerror}") from None
+        raise InputError(f"{option} {path}: {error.strerror}") from None
     finally:
         for place in missing:
             if place.is_dir():
@@ -193,9 +198,7 @@ def _parser() -> argparse.ArgumentParser:
     added = verb("generate", generate, "family")
     add = added.add_argument
     add("--out", help="folder")
-    number = added.add_mutually_exclusive_group().add_argument
-    number("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
-    number("--all", action="store_true", help="the family's own number, as without --count")
+    add("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
     add("--split", help="only train, valid or test")
     add("--seed", type=_seed, default=0)
     add("--workers", type=_positive, help="processes (one for each core)")
@@ -209,7 +212,7 @@ def _parser() -> argparse.ArgumentParser:
     add = verb("verify", verify, "prediction").add_argument
     add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
     add("--out", help="folder for the figures and a picture of the worst frame")
-    verb("view", view, "trajectory").add_argument("--out", help="film, .gif")
+    verb("view", view, "trajectory").add_argument("--out", help="film, .gif, or page, .html")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser
 

@@ -29,13 +29,17 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
     add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
     add("--picture", metavar="FOLDER", help="a picture and a film of each mode")
-    verb("simulate", simulate, "scene").add_argument("--out", required=True, help="trajectory, .vtkhdf")
+    add("--html", metavar="FILE", help="a page in which the modes are turned by hand, .html")
+    add = verb("simulate", simulate, "scene").add_argument
+    add("--out", required=True, help="trajectory, .vtkhdf")
+    add("--html", metavar="FILE", help="a page in which the path is turned and followed by hand, .html")
 
 
 def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
     """Elastic or Laplacian modes of a body."""
     out = writable(options.out, ".vtu", ".vtkhdf")
     picture = writable(options.picture)
+    html = writable(options.html, ".html", option="--html")
     found = _elastic(options, processes > 1) if options.kind == "elastic" else _laplacian(options, processes > 1)
     elastic = options.kind == "elastic"
     values = list(found.frequencies_hz) if elastic else found.eigenvalues.tolist()
@@ -49,12 +53,20 @@ def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, proc
     if rank == 0 and out is not None:
         _write_modes(out, options, found)
         say(f"shapes: {out}")
+    names = [f"{'f' if elastic else 'lambda'} = {value:.5g} {'Hz' if elastic else '1/m2'}" for value in values]
     if rank == 0 and picture is not None:
         from physics.view import mode_pictures
 
-        result["pictures"] = mode_pictures(picture, found.mesh, found.shapes, names=[
-            f"{'f' if elastic else 'lambda'} = {value:.5g} {'Hz' if elastic else '1/m2'}" for value in values])
+        result["pictures"] = mode_pictures(picture, found.mesh, found.shapes, names=names)
         say(f"{len(result['pictures'])} pictures: {picture}")
+    if rank == 0 and html is not None:
+        from physics.view import mode_exhibit, write_page
+
+        shown = mode_exhibit(found.mesh, found.pictured, [f"mode {i + 1}: {name}" for i, name in enumerate(names)])
+        write_page(html, f"{options.kind.capitalize()} modes of {Path(options.scene).name}", [shown],
+                   {"mesh": f"{len(found.mesh.points)} nodes, {found.cells}", "solver": found.solver, "remarks": "; ".join(found.remarks)})
+        result["html"] = str(html)
+        say(f"page: {html}")
     return result
 
 
@@ -110,7 +122,7 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     scene = load_scene(options.scene)
     if scene.body.order != 1 or scene.body.shape == "channel":
         raise InputError(f"{options.scene}: simulate takes solid bodies of first order; modes take others too")
-    out = writable(options.out, ".vtkhdf")
+    out, html = writable(options.out, ".vtkhdf"), writable(options.html, ".html", option="--html")
     if out.exists() and unfinished(out) not in (None, scene.to_toml()):
         raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
 
@@ -123,6 +135,8 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     trajectory = trajectory_of(scene, solution=solution)
     if rank == 0:
         write_trajectory(out, trajectory)
+        if html is not None:
+            write_path(html, f"The path of {Path(options.scene).name}", trajectory)
     steps = len(solution.displacement) - 1
     if solution.resumed:
         say(f"went on after step {solution.resumed}, which an earlier run had reached")
@@ -142,4 +156,26 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
         f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
     for what, why in result["model"].items():
         say(f"  {what}: {why}")
+    if html is not None:
+        result["html"] = str(html)
+        say(f"page: {html}")
     return result
+
+
+def write_path(html: Path, title: str, trajectory: Any) -> None:
+    """The page of a trajectory: its path to be turned and followed by hand, with stress where it has a scene. Raises `InputError`."""
+    from datagen.files.trajectory import as_solved
+    from physics.scene import Scene
+    from physics.view import ObstacleSurface, path_exhibit, write_page
+
+    path, obstacle, facts = trajectory.displacement[:, trajectory.body], trajectory.obstacle, trajectory.extra.get("model", {})
+    steps, material = len(path) - 1, None
+    if trajectory.scene:
+        scene = Scene.from_toml(trajectory.scene)
+        steps, material = scene.steps.count, as_solved(scene, trajectory, len(path) - 1).material
+    shown = path_exhibit(html.stem, trajectory.mesh, {"path": path}, material,
+                         obstacle=obstacle and ObstacleSurface(*obstacle), steps=steps,
+                         step_seconds=trajectory.extra.get("step_seconds"))
+    write_page(html, title, [shown], {
+        "mesh": f"{len(trajectory.mesh.points)} nodes, {len(trajectory.mesh.cells)} cells of the kind {trajectory.mesh.cell}",
+        "steps": f"{len(path) - 1} of {steps}", **facts})

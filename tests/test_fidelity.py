@@ -3,6 +3,7 @@
 import argparse
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -163,6 +164,25 @@ def test_pictures_of_modes_are_named_by_value_and_unit(monkeypatch, capsys, tmp_
     assert given == [(tmp_path / "p", ["f = 10 Hz", "f = 25.5 Hz"]), (tmp_path / "p", ["lambda = 3 1/m2", "lambda = 4.5 1/m2"])]
 
 
+def test_modes_are_written_as_a_page(monkeypatch, capsys, tmp_path):
+    given = []
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
+    monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
+    monkeypatch.setattr("physics.view.write_page", lambda path, title, shown, facts: given.append((path, title, shown, facts)))
+    page = tmp_path / "m.html"
+    assert called(capsys, "modes", "s.toml", "--html", page)[1].endswith(f"\npage: {page}\n")
+    assert json.loads(called(capsys, "modes", "s.toml", "--kind", "laplacian", "--html", page, "--json")[1])["html"] == str(page)
+    (path, title, (shown,), facts), (_, second, (flat,), _) = given
+    assert (path, title, second) == (page, "Elastic modes of s.toml", "Laplacian modes of s.toml")
+    assert list(shown.motions) == ["mode 1: f = 10 Hz", "mode 2: f = 25.5 Hz"] and facts["mesh"] == "8 nodes, 1 cell"
+    assert facts["remarks"] == "nothing of note"
+    # the largest displacement, of the last node, is a sixth of the 30 mm length
+    assert np.linalg.norm(shown.motions["mode 2: f = 25.5 Hz"].displacement, axis=2).max() == pytest.approx(0.005)
+    assert flat.motions["mode 1: lambda = 3 1/m2"].fields["value [of the largest]"].max() == 1
+    assert called(capsys, "modes", "s.toml", "--html", tmp_path / "m.htm") == (
+        2, "", f"fidelity: --html {tmp_path / 'm.htm'}: the name must end in .html\n")
+
+
 def test_elastic_modes_want_a_scene_and_no_held_places(capsys, tmp_path):
     status, _, err = called(capsys, "modes", tmp_path / "s.vtu")
     assert status == 2 and "elastic modes need a scene (.toml)" in err
@@ -229,6 +249,33 @@ def test_a_simulation_that_fails_says_what_is_kept_and_keeps_its_journal(solved,
         f"fidelity: no equilibrium at step 5; the 4 steps before it are in {solved.out}; the same call tries again from there, without "
         "t.vtkhdf.part from the start\n")
     assert solved.part.exists() and solved.written == [solved.out]
+
+
+def test_a_simulation_is_written_as_a_page_also_when_it_ends_early(solved, monkeypatch, capsys, tmp_path):
+    page, path = tmp_path / "t.html", bending(cells=(4, 1, 1), steps=3)
+    made = replace(path, extra={"model": {"inertia": "left out"}}, scene=beam().to_toml())
+    monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: made)
+    result = json.loads(called(capsys, "simulate", solved.scene, "--out", solved.out, "--html", page, "--json")[1])
+    assert result["html"] == str(page)
+    text = page.read_text()
+    assert "<h1>The path of s.toml</h1>" in text
+    assert "<dt>steps</dt><dd>3 of 20</dd>" in text and "<dt>inertia</dt><dd>left out</dd>" in text
+    # By beam theory, pressed by 19 mm at 70 of 100 mm, the tip goes 19 (300 - 70) / 140 = 31.21 mm down and 10 * 19 * 3 / 140 aside.
+    assert "<td>31.48</td>" in text
+    page.unlink()
+    solved.solution.failure = "no equilibrium at step 4"
+    assert called(capsys, "simulate", solved.scene, "--out", solved.out, "--html", page)[0] == 1 and page.exists()
+
+
+def test_a_trajectory_is_viewed_as_a_page_too(capsys, tmp_path):
+    """One without a scene, as an imported one is, has no stress."""
+    for scene, stress in (("", 0), (beam().to_toml(), 2)):  # of the frame that was reached, by its number and the rest state's
+        write_trajectory(tmp_path / "t.vtkhdf", replace(bending(cells=(4, 1, 1), steps=1), scene=scene))
+        page = tmp_path / "t.html"
+        assert called(capsys, "view", tmp_path / "t.vtkhdf", "--out", page) == (0, f"page: {page}\n", "")
+        table = page.read_text().split("<table>")[1].split("</table>")[0]
+        assert table.count("largest displacement [mm]") == 1 and ("von Mises" in table) == bool(stress)
+        assert table.count("<td>31.48</td>") == 1 and table.count("<td>") == 2 + stress
 
 
 def test_simulate_takes_solid_bodies_of_first_order(capsys, tmp_path):

@@ -94,7 +94,8 @@ def measured(monkeypatch):
     monkeypatch.setattr(module, "measure", measure)
     monkeypatch.setattr(module, "warm_up", asked.warm.append)
     monkeypatch.setattr(module, "_pictures", lambda out, found: [])
-    monkeypatch.setattr(module, "write_report", lambda out, report: asked.__dict__.update(report=report, out=out) or {"summary": "words"})
+    monkeypatch.setattr(module, "write_report", lambda out, report, shown: asked.__dict__.update(report=report, out=out)
+                        or {"summary": "words"})
     return asked
 
 
@@ -270,7 +271,8 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
     given = {}
     model = SimpleNamespace(config=SimpleNamespace(estimate=False))
     monkeypatch.setattr(module, "load_model", lambda run: model)
-    monkeypatch.setattr(module, "load_cases", lambda files: list(files))
+    one = SimpleNamespace(known="scene")
+    monkeypatch.setattr(module, "load_cases", lambda files: [one for _ in files])
     monkeypatch.setattr(
         module, "report_on", lambda predictors, cases, out, **how: given.update(how, p=predictors, cases=cases, out=out) or {"a": 1}
     )
@@ -280,7 +282,7 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
     assert [(each.name, each.kind) for each in given["p"]] == list(
         zip(names, ("learned", "hybrid", *["trivial"] * 3, "fe", "fe", "reference"), strict=True)
     )
-    assert (given["cases"], given["out"], given["runs"], given["refined"]) == (["f"], tmp_path, {"run": model}, 4)
+    assert (given["cases"], given["out"], given["runs"], given["refined"]) == ([one], tmp_path, {"run": model}, 4)
     model.config.estimate = True
     module.evaluate("run", ["f"], tmp_path)
     assert [each.name for each in given["p"]] == ["M4GN", "M4GN, its estimate alone", "M4GN, 1 Newton step", *names[2:]]
@@ -290,7 +292,7 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
 def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
     halvings = {}
     monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False)))
-    monkeypatch.setattr(module, "load_cases", list)
+    monkeypatch.setattr(module, "load_cases", lambda files: [SimpleNamespace(known="scene")])
     monkeypatch.setattr(module, "report_on", lambda *given, **how: {})
     monkeypatch.setattr(module, "elements", lambda name, **how: halvings.update({name: how}))
     module.evaluate("run", ["f"], "out")
@@ -299,7 +301,7 @@ def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
 
 def test_cases_are_named_by_their_files(monkeypatch):
     one = case("x")
-    monkeypatch.setattr(module, "read_truth", lambda file: (one.trajectory, one.scene, file))
+    monkeypatch.setattr(module, "read_reference", lambda file: (one.trajectory, one.scene, file))
     cases = module.load_cases(["a/0003.vtkhdf", Path("b/0007.vtkhdf")])
     assert [(each.name, each.mesh, each.scene is one.scene) for each in cases] == [
         ("0003", "a/0003.vtkhdf", True), ("0007", Path("b/0007.vtkhdf"), True)]

@@ -215,8 +215,9 @@ def test_motion_in_time_is_not_spread_over_processes():
 def test_snaps_are_named_up_to_five():
     assert snapped(np.zeros(4)) == {}
     assert snapped(np.array([0, 0, 0.25, 0.5]))["snaps"].startswith("at step 2, 3 the body moved by up to 0.5 m without")
-    five, seven = np.array([0.0] + 5 * [0.125]), np.array([0.0] + 7 * [0.125])
+    five, six, seven = (np.array([0.0] + count * [0.125]) for count in (5, 6, 7))
     assert snapped(five)["snaps"].startswith("at step 1, 2, 3, 4, 5 the body")
+    assert snapped(six)["snaps"].startswith("at step 1, 2, 3, 4, 5 and 1 more the body")
     assert snapped(seven)["snaps"].startswith("at step 1, 2, 3, 4, 5 and 2 more the body moved by up to 0.125 m")
 
 

@@ -4,6 +4,7 @@
     table      columns, units and rows
     pareto     speed against error, as a picture
     report     report.html and report.json
+    shown      which trajectory and which frames are shown to be turned by hand
     evaluate   a trained run beside its rivals
     compare    all rivals on one scene or set
 """

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from datagen.files.prediction import read_reference, read_truth
+from datagen.files.prediction import read_reference
 from datagen.files.provenance import commit, processor, versions
 from learning.prediction.checkpoint import Model, load_model, read_checkpoint
 from learning.prediction.predictor import Case, Predictor
@@ -29,12 +29,12 @@ from learning.prediction.rivals import REFERENCE, coarser, elements, follow, tri
 from learning.prediction.surrogates import corrected, estimated, learned
 from learning.report.measure import Measurement, measure
 from learning.report.report import write_report
-from learning.report.table import Report, Row, best_learned
+from learning.report.shown import exhibits, worst_frames
+from learning.report.table import Report, Row
 from learning.samples.seen import Seen, outside, read_seen
 from physics.schema import InputError
-from physics.view import Obstacle, frame_picture
+from physics.view import ObstacleSurface, frame_picture
 
-WORST = 5  # pictures
 SAMPLE = 25  # frames of a trajectory at which the equations are checked
 
 
@@ -59,8 +59,8 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
     if not files:
         raise InputError("no trajectories to evaluate on")
     model = load_model(run)
-    cases = [Case(Path(file).stem, *read_reference(file)) for file in files]
-    alone = [estimated()] if model.config.estimate else []
+    cases = load_cases(files)
+    alone = [estimated("M4GN, its estimate alone")] if model.config.estimate else []
     if any(case.known is None for case in cases):
         return report_on([learned(model), *trivial()], cases, Path(out), title="A learned simulator held against its data",
                          runs={str(run): model}, refined=0, say=say)
@@ -72,7 +72,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
 
 def load_cases(files: Sequence[str | Path]) -> list[Case]:
     """The trajectories that predictions can be held against, named by their files. Raises `InputError`."""
-    return [Case(Path(file).stem, *read_truth(file)) for file in files]
+    return [Case(Path(file).stem, *read_reference(file)) for file in files]
 
 
 def evenly(count: int, of: int) -> list[int]:
@@ -94,7 +94,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
                     outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
                     facts=_facts(runs, cases, found, repeats), notes=_limits(cases, found, runs, spans))
-    content = write_report(out, report)
+    content = write_report(out, report, exhibits(found))
     if say is not None:
         for line in (*summary(found.rows), content["summary"], f"report: {out / 'report.html'}"):
             say(line)
@@ -120,14 +120,12 @@ def warm_up(case: Case) -> None:
 
 def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
     """Draw the worst frame of each of the worst trajectories of the best network: file names and captions."""
-    best = best_learned(found.rows)
-    frames = sorted((frame for frame in found.frames if best is not None and frame.predictor == best.name), key=lambda frame: -frame.error)
     pictures = []
-    for frame in frames[:WORST]:
+    for frame in worst_frames(found):
         case, step, surface = frame.case, frame.step, frame.case.trajectory.obstacle
         name = f"frame_{case.name}.png"
         frame_picture(out / name, case.mesh, prediction=frame.displacement, truth=case.truth[step], step=step, steps=case.steps,
-                      obstacle=None if surface is None else Obstacle(*surface).at(step), names=(frame.predictor, "finite elements"))
+                      obstacle=None if surface is None else ObstacleSurface(*surface).at(step), names=(frame.predictor, "finite elements"))
         pictures.append((name, f"Test trajectory {case.name}, RMSE-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
                                "where the rollout is farthest from the truth. Left the prediction, coloured by its error, over the "
                                "outline of the truth; right the truth."))

@@ -40,6 +40,15 @@ class WorstFrame:
     error: float  # [m] of the whole rollout, free nodes
 
 
+@dataclass(frozen=True)
+class Hardest:
+    """The trajectory that a learned predictor, or without one any, does worst on: paths (T, N, 3) float32 of all that predict it."""
+
+    case: Case
+    paths: dict[str, NDArray[np.float32]]
+    error: float  # [m]; infinite where a path is not finite
+
+
 @dataclass
 class Measurement:
     """Everything found: a row for each predictor that did all cases, worst frames of the learned ones, what went wrong."""
@@ -47,6 +56,7 @@ class Measurement:
     rows: list[Row] = field(default_factory=list)
     frames: list[WorstFrame] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    hardest: Hardest | None = None
     solved_again: float = 0.0  # [m] largest difference of the reference to the files
 
 
@@ -64,6 +74,8 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
     each: dict[str, list[dict[str, float]]] = {predictor.name: [] for predictor in predictors}
     for number, case in enumerate(cases):
         second = _second_truth(case, found.notes) if number in refined else None
+        paths: dict[str, NDArray[np.float32]] = {}
+        errors: list[float] = []
         for predictor in predictors:
             try:
                 prediction = _repeated(predictor, case, repeats)
@@ -80,8 +92,15 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             fidelity = verify(path, case.truth, scene=case.known, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
                               sample=sample)
             each[predictor.name].append(_scores(fidelity, prediction, case) | _against(second, path, case))
+            with np.errstate(over="ignore"):
+                paths[predictor.name] = path.astype(np.float32)
+            errors.append(fidelity.rmse_all)
             if predictor.kind == "learned":
                 found.frames.append(WorstFrame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
+        learned = [frame.error for frame in found.frames if frame.case is case]
+        error = max((each if np.isfinite(each) else np.inf for each in learned or errors), default=0.0)
+        if paths and (found.hardest is None or error > found.hardest.error):
+            found.hardest = Hardest(case, paths, error)
         release()
     found.rows = [_row(predictor, each[predictor.name]) for predictor in predictors if len(each[predictor.name]) == len(cases)]
     return found
@@ -99,6 +118,8 @@ def _repeated(predictor: Predictor, case: Case, repeats: int) -> Prediction:
 
 def _second_truth(case: Case, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """Frames (F,) and displacements (F, N, 3) of the case solved on finer cells; None when that fails."""
+    if case.known is None:
+        return None
     try:
         every, displacement, _ = finer(case.scene, case.mesh)
     except RuntimeError as error:

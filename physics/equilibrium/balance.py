@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
 from physics.body.supports import held, prescribed, rigid_motions_left, traction_load
-from physics.contact.conditions import Contact, ContactSurface
+from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
@@ -24,7 +24,6 @@ Floats = NDArray[np.float64]
 GAP_TOLERANCE = 1e-6  # error of a gap over the size of a cell
 STRONGEST = 1e3  # of a load, in units of Young's modulus
 FARTHEST = 1e4  # of an obstacle's path, in lengths that are safe for one step
-CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
 
 
 class Balance:
@@ -100,7 +99,8 @@ class Balance:
             push = load.traction or tuple(self.scene.material.density * extent * a for a in load.acceleration or ())
             strength = float(np.linalg.norm(push))
             if strength > STRONGEST * modulus:
-                raise InputError(f"load[{i}]: {strength:.2g} Pa are {strength / modulus:.2g} times Young's modulus; at most {STRONGEST:g} times")
+                raise InputError(f"load[{i}]: {strength:.2g} Pa are {strength / modulus:.2g} times Young's modulus; at most "
+                                 f"{STRONGEST:g} times")
         far, allowed = self.stride(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
         if far > allowed:
             raise InputError(f"obstacle.path: its length is {far:.2g} times what the obstacle may move at once (half of its own width "
@@ -108,11 +108,6 @@ class Balance:
         inside = -self.clearance(0.0)
         if inside > GAP_TOLERANCE * self.size:
             raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
-
-
-def cell_size(mesh: Mesh) -> float:
-    """The median length of the mesh's edges [m]."""
-    return float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
 
 
 def cells_said(scene: Scene) -> str:
