@@ -109,8 +109,10 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
 
         elastic = options.kind == "elastic"
         shapes = found.pictured if elastic else found.pictured[:, :, None] * [0.0, 0.0, 1.0]
-        about: dict[str, Any] = {"extra": {"laplacian_eigenvalues": found.eigenvalues.tolist()}}
-        if elastic:
+        about: dict[str, Any]
+        if not elastic:
+            about = {"extra": {"laplacian_eigenvalues": found.eigenvalues.tolist()}}
+        else:
             scene = load_scene(options.scene, options.set)
             about = {"scene": scene.to_toml(), "frequencies_hz": found.frequencies_hz}
             if scene.body.shape == "file":

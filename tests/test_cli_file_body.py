@@ -9,8 +9,8 @@ import pytest
 
 import fidelity
 from datagen.files.trajectory import read_trajectory, write_trajectory
-from physics.mesh.boxes import box
 from physics.mesh.files import read_mesh
+from physics.mesh.shapes.boxes import box
 from physics.scene import Body, Scene, load_scene
 
 SCENE = """

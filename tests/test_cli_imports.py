@@ -9,7 +9,7 @@ import fidelity
 from datagen.files.tfrecord import write_example, write_records
 from datagen.files.trajectory import read_trajectory
 from learning.segments.harmonics import harmonics
-from physics.mesh.boxes import rectangle
+from physics.mesh.shapes.boxes import rectangle
 from physics.scene import Body
 from tests.test_cli_file_body import CONFIG
 

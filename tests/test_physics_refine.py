@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from physics.mesh.boxes import box, rectangle
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import cell_volumes, scaled_jacobian
 from physics.mesh.refine import halved
+from physics.mesh.shapes.boxes import box, rectangle
 from physics.scene import Body
 
 
