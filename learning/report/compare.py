@@ -19,7 +19,8 @@ from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, elements, reduced, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
-from learning.report.evaluate import evenly, load_cases, report_on
+from learning.report.evaluate import evenly, has_estimate, load_cases, report_on
+from learning.slender.model import Slender
 from physics.mesh.build import build_mesh
 from physics.scene import load_scene
 from physics.schema import InputError
@@ -73,13 +74,13 @@ def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:
     return load_cases([found[i] for i in evenly(count, len(found))])
 
 
-def predictors(models: dict[str, Model]) -> list[Predictor]:
+def predictors(models: dict[str, Model | Slender]) -> list[Predictor]:
     """All of them, learned ones first; with several runs these carry the names of their folders."""
-    names = {run: "M4GN" if len(models) == 1 else f"M4GN {Path(run).name}" for run in models}
+    names = {run: model.title if len(models) == 1 else f"{model.title} {Path(run).name}" for run, model in models.items()}
     if len(set(names.values())) < len(names):
         raise InputError(f"--run: the folders {', '.join(models)} must have different names, by which the report calls them")
     rungs = [predictor for run, model in models.items()
-             for predictor in (learned(model, names[run]), *([estimated(names[run])] if model.config.estimate else []),
+             for predictor in (learned(model, names[run]), *([estimated(names[run])] if has_estimate(model) else []),
                               corrected(model, 1, names[run]), corrected(model, None, names[run]))]
     return [*rungs, *trivial(),
             elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2),

@@ -21,7 +21,8 @@ from tqdm import tqdm
 
 from datagen.files.prediction import read_truth
 from datagen.files.provenance import commit, processor, versions
-from learning.prediction.checkpoint import Model, load_model, read_checkpoint
+from learning.networks.stored import read_stored
+from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
@@ -29,6 +30,7 @@ from learning.report.measure import Measurement, measure
 from learning.report.report import write_report
 from learning.report.table import Report, Row, best_learned
 from learning.samples.seen import Seen, outside, read_seen
+from learning.slender.model import Slender
 from physics.scene import Scene
 from physics.schema import InputError
 from physics.view import Obstacle, frame_picture
@@ -59,11 +61,16 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         raise InputError("no trajectories to evaluate on")
     model = load_model(run)
     cases = load_cases(files)
-    alone = [estimated()] if model.config.estimate else []
-    predictors = [learned(model), *alone, corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
-                  elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
+    alone = [estimated()] if has_estimate(model) else []
+    predictors = [learned(model, model.title), *alone, corrected(model, correct, model.title), *trivial(),
+                  elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
                      refined=refined, say=say)
+
+
+def has_estimate(model: Model | Slender) -> bool:
+    """Whether a network corrects an estimate, which predicts by itself too."""
+    return isinstance(model, Model) and model.config.estimate
 
 
 def load_cases(files: Sequence[str | Path]) -> list[Case]:
@@ -77,7 +84,7 @@ def evenly(count: int, of: int) -> list[int]:
     return found
 
 
-def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model],
+def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model | Slender],
               refined: int, repeats: int = 1, say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder."""
     known = {run: read_seen(run) for run in runs}
@@ -128,7 +135,7 @@ def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
     return pictures
 
 
-def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, repeats: int) -> dict[str, str]:
+def _facts(runs: dict[str, Model | Slender], cases: Sequence[Case], found: Measurement, repeats: int) -> dict[str, str]:
     nodes = sorted({len(case.mesh.points) for case in cases})
     libraries = {"torch": torch.__version__, "pyvista": version("pyvista"), **versions()}
     threads = ", ".join(f"{name} {os.environ.get(name, 'not set')}" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"))
@@ -141,9 +148,9 @@ def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, re
         "timing": f"processor time of one process, one predictor after the other on each scene; {timed}",
     }
     for run, model in runs.items():
-        about = read_checkpoint(Path(run) / "model.safetensors").about
+        about, _ = read_stored(Path(run) / "model.safetensors")
         facts[f"network {Path(run).name}"] = (
-            f"M4GN from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
+            f"{model.title} from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
             f"{about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
     return facts | {
         "truth": f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
@@ -157,7 +164,7 @@ def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, re
     }
 
 
-def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model], spans: Sequence[Seen]) -> list[str]:
+def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | Slender], spans: Sequence[Seen]) -> list[str]:
     notes = [
         "The truth has an error of its own, that of its mesh. An error below it means that the truth is imitated well, not that "
         "the body is known better.",

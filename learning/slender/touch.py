@@ -1,0 +1,157 @@
+"""How a rigid obstacle meets a beam: where it touches, how far that bends the beam, and where to it leans.
+
+The obstacle prescribes a deflection, not a force, so Young's modulus cancels. Its centre c lies at r + h/2 less the indentation i from
+the beam's axis, along the normal of the bent axis: with the slope q of the axis at the touched abscissa a, which is drawn in by d,
+
+    deflection(a) = (r + h/2) cos q - i - height of c above the axis at rest,      a = c_x - (r + h/2) sin q + d
+
+A cylinder turned by g from y towards x lies flat on the beam: the section turns by -atan(tan q tan g), the force F leans by tan q tan g.
+A sphere presses at e beside the middle with a force that leans by m against the normal of the face. With T and B what a unit torque
+turns and a unit force bends sideways at a, and H = r + h/2, the angle f and the displacement y of the section are
+
+    f = T F (e + m (H - B F)) / (1 + T F (H - B F)),     y = B F (m - f)
+
+and the face's point under the sphere, z = e - y - H f, is linear in m: z = Z - C m. Contact is felt at rows of points a distance b
+apart, between two of which a sphere sits as in a groove: in the middle of one, g = z - middle = 0, any |m| up to M = b / (2 r) is in
+equilibrium, and beside it m = M (1 - 2 |g| / b) towards the nearer row. It starts in the groove where it first touched and moves on
+when m = M does not hold it. A touch wider than the rows is apart feels no grooves.
+
+Legend: P poses, S sections; y to the side, an angle about x is positive where the side of positive y goes down.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from learning.slender.theory import Bar
+
+ROUNDS = 8  # of the iteration for the touched abscissa
+SPHERE, CYLINDER = 0.5, 1.0  # of Hertz's indentation of a half-space; of F (1 - nu^2) / (E w)
+SMALL = 1e-12
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A sphere, round = True, or a cylinder whose axis is turned [rad] from y towards x.
+
+    groove, row: middle of the groove in which a sphere starts, from the middle of the section, and the distance of rows
+    """
+
+    radius: float
+    round: bool
+    turn: float = 0.0
+    groove: float = 0.0
+    row: float = 1.0
+
+
+@dataclass(frozen=True)
+class Bent:
+    """A beam as theory bends it at P poses.
+
+    touch: (P,) touched abscissa; depth: (P,) how far the obstacle reaches below the face at rest, 0 where it does not
+    push: (P,) deflection there; slope: (P,) angle of the axis there; force: (P,) that this takes, EI = 1
+    indentation, width: (P,) by the touch, and its half-width
+    deflection, rotation, drawn_in, aside, turn: (P, S) of the sections; `rotation` about y and `turn` about x are angles
+    lean, pull, hold, groove: (P,) of a sphere: m / M; (Z - middle) / b; C M / b; how many grooves it moved on
+    """
+
+    touch: Tensor
+    depth: Tensor
+    push: Tensor
+    slope: Tensor
+    force: Tensor
+    indentation: Tensor
+    width: Tensor
+    deflection: Tensor
+    rotation: Tensor
+    drawn_in: Tensor
+    aside: Tensor
+    turn: Tensor
+    lean: Tensor
+    pull: Tensor
+    hold: Tensor
+    groove: Tensor
+
+
+def press(x: Tensor, centre: Tensor, obstacle: Obstacle, bar: Bar) -> Bent:
+    """The beam under an obstacle at some poses.
+
+    Args:
+        x: (S,) abscissas of the sections, ascending from 0 to the length
+        centre: (P, 3) of the obstacle: abscissa, to the side, and height above the axis at rest
+    """
+    arm = obstacle.radius + bar.height / 2
+    low, high = 1e-3 * bar.length, (1 - 1e-3 * bar.held_at_both) * bar.length
+    depth = (arm - centre[:, 2]).clamp(min=0)
+    a, push, q = centre[:, 0].clamp(low, high), depth, torch.zeros_like(depth)
+    force, indentation = torch.zeros_like(depth), torch.zeros_like(depth)
+    for _ in range(ROUNDS):
+        w, p = bar.own(a)
+        push = (arm * torch.cos(q) - centre[:, 2] - indentation).clamp(min=0)
+        force = push / w
+        indentation = torch.minimum((indentation + _indentation(force, obstacle, bar)) / 2, depth / 2)
+        q = (q + torch.atan(force * p)) / 2
+        drawn = 0.0 if bar.held_at_both else 0.6 * push**2 / a
+        a = (centre[:, 0] - arm * torch.sin(q) + drawn).clamp(low, high)
+    at, here = a[:, None], x[None, :]
+    w, p = bar.bend(here, at)
+    deflection = force[:, None] * w
+    width = torch.sqrt(obstacle.radius * indentation)
+    lean, sideways, torque, groove = (_grooved if obstacle.round else _flat)(a, force, q, centre[:, 1], width, obstacle, bar)
+    return Bent(touch=a, depth=depth, push=push, slope=q, force=force, indentation=indentation, width=width, deflection=deflection,
+                rotation=torch.atan(force[:, None] * p), drawn_in=bar.drawn_in(x, deflection),
+                aside=sideways[:, None] * _lying(here, at, bar), turn=torque[:, None] * bar.twist(here, at),
+                lean=lean, pull=groove[0], hold=groove[1], groove=groove[2])
+
+
+def _indentation(force: Tensor, obstacle: Obstacle, bar: Bar) -> Tensor:
+    """(P,) how deep the obstacle enters the face, by Hertz for a sphere."""
+    pressed = (1 - bar.poisson_ratio**2) * force * bar.second_moment  # F (1 - nu^2) / E
+    if obstacle.round:
+        return SPHERE * (0.75 * pressed / math.sqrt(obstacle.radius)) ** (2 / 3)
+    return CYLINDER * pressed / bar.width
+
+
+def _lying(x: Tensor, a: Tensor, bar: Bar) -> Tensor:
+    """Displacement to the side under a unit force, in the units of EI = 1 for bending down."""
+    return bar.lying.bend(x, a)[0] * (bar.second_moment / bar.lying.second_moment)
+
+
+Answer = tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor, Tensor]]
+
+
+def _flat(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
+    """Lean, force to the side and torque (P,) of a cylinder; it knows no grooves across."""
+    lean, none = torch.tan(slope) * math.tan(obstacle.turn), torch.zeros_like(a)
+    return lean, force * lean, -torch.atan(lean) / bar.twist(a, a), (none, none, none)
+
+
+def _grooved(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
+    """Lean m / M, force to the side and torque (P,) of a sphere, and what its grooves say: pull, hold, and how many it moved on."""
+    most, arm = obstacle.row / (2 * obstacle.radius), obstacle.radius + bar.height / 2
+    sideways, twist = _lying(a, a, bar), bar.twist(a, a)
+    lever = arm - sideways * force
+    turn = twist * force / (1 + twist * force * lever).clamp(min=0.1)  # angle for a unit of e + m lever
+    pull = (beside * (1 - lever * turn) - obstacle.groove) / obstacle.row
+    hold = (sideways * force + lever**2 * turn) * most / obstacle.row + SMALL
+    lean, groove = held(pull, hold)
+    lean = lean * torch.sigmoid((1.2 - width / obstacle.row) / 0.15)
+    angle = turn * (beside + most * lean * lever)
+    return lean, force * (most * lean - angle), angle / twist, (pull, hold, groove)
+
+
+def held(pull: Tensor, hold: Tensor) -> tuple[Tensor, Tensor]:
+    """m / M of a sphere in its groove, and how many grooves it moved on.
+
+    Args:
+        pull: (P,) where it would be without grooves, from the middle of the groove where it starts, in distances of rows
+        hold: (P,) how far from the middle of a groove that may be and it stays there, likewise; above 0
+    """
+    moved = torch.sign(pull) * torch.ceil(pull.abs() - hold.clamp(min=0.5)).clamp(min=0)
+    rest = pull - moved
+    beside = torch.sign(rest) * (1 - 2 * rest.abs()).clamp(min=0) / (1 - 2 * hold).clamp(min=SMALL)
+    return torch.where(rest.abs() <= hold, rest / hold, beside.clamp(-1, 1)), moved
