@@ -26,7 +26,7 @@ def scene(*, cells=(20, 4, 4), sides=(0.1, 0.022, 0.024), support=("x-min",), pa
 def predictor(like, seed=0, **config):
     """A predictor of beams with drawn weights that has seen the poses of some scenes."""
     torch.manual_seed(seed)
-    seen = [shown(see(each), torch.linspace(0.2, 1, 9).double().numpy()) for each in like]
+    seen = [shown(see(each), torch.linspace(0.15, 1, 80).double().numpy()) for each in like]
     pose = torch.cat([each.pose for each in seen]).float()
     section = torch.cat([each.section.flatten(0, 1) for each in seen]).float()
     moments = [torch.stack([values.mean(0), torch.where(values.std(0) > 1e-5, values.std(0), 1.0)]) for values in (pose, section)]

@@ -79,11 +79,11 @@ def test_the_first_touch_is_where_the_sphere_reaches_the_face():
     assert see(scene(path=((0.08, 0.011, 0.033), (0.08, 0.011, 0.03)))).first_touch == 0
 
 
-def test_the_groove_is_the_middle_of_the_two_rows_beside_the_first_touch():
-    beam = see(scene(path=((0.08, 0.0125, 0.036), (0.08, 0.0125, 0.03))))  # 1.5 mm beside the middle, rows 2.75 mm apart
-    assert beam.row == pytest.approx(0.00275) and beam.groove == pytest.approx(0.001375)
-    beam = see(scene(path=((0.08, 0.0147, 0.036), (0.08, 0.0147, 0.03))))
-    assert beam.groove == pytest.approx(0.004125)
+def test_the_groove_is_about_the_row_of_nodes_nearest_to_the_first_touch():
+    for y, cells, nodes in ((0.0125, 4, 0.0), (0.0147, 4, 0.0055), (0.0125, 5, 0.0022)):  # from the middle 1.5 and 3.7 mm
+        beam = see(scene(path=((0.08, y, 0.036), (0.08, y, 0.03)), cells=(20, cells, 4)))
+        assert beam.row == pytest.approx(0.011 / cells)
+        assert beam.groove == pytest.approx((y - 0.011, nodes))
 
 
 @pytest.mark.parametrize(("changes", "said"), [

@@ -13,8 +13,8 @@ Legend: P poses, S sections, A and B features of a pose and a section.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
-import torch
 from torch import Tensor, nn
 
 from physics.schema import quantity
@@ -53,4 +53,4 @@ class Sections(nn.Module):
 
 def _mlp(inputs: int, hidden: int, layers: int) -> nn.Sequential:
     sizes = [inputs] + [hidden] * layers
-    return nn.Sequential(*(part for a, b in zip(sizes[:-1], sizes[1:], strict=True) for part in (nn.Linear(a, b), nn.SiLU())))
+    return nn.Sequential(*(part for a, b in pairwise(sizes) for part in (nn.Linear(a, b), nn.SiLU())))

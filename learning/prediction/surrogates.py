@@ -93,7 +93,8 @@ def estimated(name: str = "M4GN") -> Predictor:
     return Predictor(f"{name}, its estimate alone", "reduced", predict)
 
 
-def corrected_rollout(model: Model | Slender, trajectory: Trajectory, scene: Scene, mesh: Mesh, count: int | None) -> tuple[Trajectory, Corrector]:
+def corrected_rollout(model: Model | Slender, trajectory: Trajectory, scene: Scene, mesh: Mesh,
+                      count: int | None) -> tuple[Trajectory, Corrector]:
     """The rollout of which each frame is corrected before the next one is predicted, and the corrector.
 
     Raises:

@@ -79,7 +79,7 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
                 path = case.truth
             fidelity = verify(path, case.truth, scene=case.scene, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
                               sample=sample)
-            each[predictor.name].append(_scores(fidelity, prediction, case) | _against(second, path, case))
+            each[predictor.name].append(_scores(fidelity, prediction, case) | _doubt(prediction, case) | _against(second, path, case))
             if predictor.kind == "learned":
                 found.frames.append(WorstFrame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
         release()
@@ -119,6 +119,17 @@ def _against(second: tuple[NDArray[np.int64], NDArray[np.float64]] | None, path:
 def _by_frame(a: NDArray[Any], b: NDArray[Any], case: Case) -> NDArray[np.float64]:
     """(F,) root mean square distance over the free nodes."""
     return np.sqrt(np.mean(np.sum((a - b)[:, case.free].astype(np.float64) ** 2, axis=2), axis=1))
+
+
+def _doubt(prediction: Prediction, case: Case) -> dict[str, float]:
+    """What a predictor says of its own error, held against that."""
+    if prediction.bar is None or prediction.unsure is None:
+        return {"error_bar": np.nan, "covered": np.nan, "unsure": np.nan}
+    told, error = prediction.bar > 0, _by_frame(prediction.path, case.truth, case)
+    if not told.any():
+        return {"error_bar": np.nan, "covered": np.nan, "unsure": float(prediction.unsure[1:].mean())}
+    return {"error_bar": float(prediction.bar[told].mean()), "covered": float((error <= prediction.bar)[told].mean()),
+            "unsure": float(prediction.unsure[1:].mean())}
 
 
 def _scores(fidelity: Any, prediction: Prediction, case: Case) -> dict[str, float]:

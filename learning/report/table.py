@@ -92,6 +92,12 @@ ERROR = {
         "below the data's error", "", "1", 1,
         "share of these frames in which the distance to the data is smaller than that of the data to the finer solution"),
 }
+DOUBT = {
+    "error_bar": Column("error bar", "mm", "m", 1e3, "what the predictor itself says of its error in a frame; <b>free</b> nodes, mean over "
+                        "the frames for which it says something"),
+    "covered": Column("covered", "", "1", 1, "share of these frames whose error is within the bar"),
+    "unsure": Column("unsure", "", "1", 1, "share of all frames of which the predictor says that it does not know"),
+}
 PHYSICS = {
     "relative_residual": Column(
         "residual", "", "1", 1,
@@ -133,8 +139,8 @@ MESH = {
         "scaled Jacobian", "", "1", 1, "smallest over all cells, steps and trajectories: 1 in a perfect cell, 0 in a flat one"),
     "inverted_elements": Column("inverted", "", "1", 1, "most cells that are turned inside out in one frame"),
 }
-TABLES = {"Time and error": TIME | ERROR, "Held against the equations": PHYSICS, "The deformed mesh": MESH}
-COLUMNS = TIME | ERROR | PHYSICS | MESH
+TABLES = {"Time and error": TIME | ERROR | DOUBT, "Held against the equations": PHYSICS, "The deformed mesh": MESH}
+COLUMNS = TIME | ERROR | DOUBT | PHYSICS | MESH
 
 
 def improvement(rows: list[Row]) -> float | None:

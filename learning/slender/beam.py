@@ -77,10 +77,11 @@ class Beam:
         return self.extent[1] / self.cells[1] / 2
 
     @property
-    def groove(self) -> float:
-        """[m] the middle between the two rows of points between which the obstacle first touches, from the middle of the section."""
-        beside = self.centre(np.array([self.first_touch]))[0, 1]
-        return float((np.floor(beside / self.row) + 0.5) * self.row)
+    def groove(self) -> tuple[float, float]:
+        """Where the obstacle first touches, and the row of nodes nearest to that [m], from the middle of the section."""
+        beside, cell = float(self.centre(np.array([self.first_touch]))[0, 1]), 2 * self.row
+        shift = self.cells[1] % 2 / 2
+        return beside, float((np.round(beside / cell - shift) + shift) * cell)
 
     def mirrored(self) -> Beam:
         """The same beam seen from the frame with y turned round."""

@@ -51,9 +51,15 @@ def look(beam: Beam, centre: Tensor) -> Seen:
     """The features of a beam under its obstacle at centres (P, 3), in double precision."""
     x = torch.as_tensor(beam.x)
     bar = Bar(*beam.extent, beam.poisson_ratio, beam.held_at_both)
-    bent = press(x, centre, Obstacle(beam.radius, beam.round, beam.turn, beam.groove, beam.row), bar)
+    bent = press(x, centre, obstacle_of(beam), bar)
     return Seen(_pose(beam, bar, centre, bent), _section(beam, x, centre, bent), _base(beam, bent),
                 bent.depth[:, None] * _envelope(beam, x), bent.depth)
+
+
+def obstacle_of(beam: Beam) -> Obstacle:
+    """The obstacle as theory knows it."""
+    first, nodes = beam.groove
+    return Obstacle(beam.radius, beam.round, beam.turn, (first - nodes) / beam.row, beam.row, nodes)
 
 
 def _pose(beam: Beam, bar: Bar, centre: Tensor, bent: Bent) -> Tensor:
@@ -63,16 +69,17 @@ def _pose(beam: Beam, bar: Bar, centre: Tensor, bent: Bent) -> Tensor:
     cell = length / beam.cells[0]
     force = bent.force * bar.second_moment / height**2  # F / (E h^2)
     off = centre[:, 1] * ball
+    first, nodes = (each * ball for each in beam.groove)
     a = bent.touch
     most = beam.row / (2 * beam.radius)
     angle = bent.force * off * bar.twist(a, a)
     lying = bar.lying.bend(a, a)[0] * bar.second_moment / bar.lying.second_moment * bent.force
-    row, aside = a / cell * 2, (off - beam.groove * ball) / beam.row  # in rows of points
+    row, aside = a / cell * 2, (off - nodes) / beam.row  # in rows of points
     sag = [(d * (torch.frac(at) - 0.5).abs()) ** 2 / (2 * beam.radius) for d, at in ((cell / 2, row + 0.5), (beam.row, aside + 0.5))]
     fixed = [math.log(length / height), width / height, beam.radius / height, float(beam.held_at_both), ball, beam.turn,
              float(beam.cells[1]), float(beam.cells[2]), math.log(cell / height), float(beam.diagonal),
-             float(beam.diagonal) * (beam.cells[1] % 2), beam.row / height, most, beam.groove / width * ball,
-             beam.groove / beam.row % 2 * ball, beam.poisson_ratio, float(beam.neo_hookean)]
+             float(beam.diagonal) * (beam.cells[1] % 2), beam.row / height, most, nodes / width,
+             (first - nodes) / beam.row, beam.poisson_ratio, float(beam.neo_hookean)]
     columns = [value * one for value in fixed]
     columns += [centre[:, 0] / length, a / length, a / height, (length - a) / height, off / width, off / height, aside * ball,
                 bent.depth / length, bent.depth / height, torch.sqrt(bent.depth / height), force, torch.sqrt(force),
@@ -80,11 +87,10 @@ def _pose(beam: Beam, bar: Bar, centre: Tensor, bent: Bent) -> Tensor:
                 bent.width / beam.row * ball, angle, lying * ball / height, torch.tanh(angle * lying / height), off / beam.radius,
                 beam.turn * bent.slope, beam.turn * off / width, off * bent.slope / width,
                 bent.lean, torch.tanh(bent.pull), torch.tanh(bent.pull / 4), torch.tanh(bent.hold), torch.tanh(bent.hold / 4),
-                torch.tanh(bent.groove), (bent.groove != 0).to(one.dtype), sag[0] / depth.clamp(min=1e-3 * height), sag[1] * ball / height]
+                bent.lies, torch.tanh(bent.groove), (bent.groove != 0).to(one.dtype), sag[0] / depth.clamp(min=1e-3 * height), sag[1] * ball / height]
     for k in (0.5, 1, 2):
         columns += [torch.sin(TAU * k * row), torch.cos(TAU * k * row)]
-        at = aside - bent.hold.clamp(max=10) * bent.lean
-        columns += [torch.sin(TAU * k * at) * ball, torch.cos(TAU * k * at) * ball]
+        columns += [torch.sin(TAU * k * bent.lies) * ball, torch.cos(TAU * k * bent.lies) * ball]
     return torch.stack(columns, dim=1)
 
 

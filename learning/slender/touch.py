@@ -12,9 +12,8 @@ turns and a unit force bends sideways at a, and H = r + h/2, the angle f and the
     f = T F (e + m (H - B F)) / (1 + T F (H - B F)),     y = B F (m - f)
 
 and the face's point under the sphere, z = e - y - H f, is linear in m: z = Z - C m. Contact is felt at rows of points a distance b
-apart, between two of which a sphere sits as in a groove: in the middle of one, g = z - middle = 0, any |m| up to M = b / (2 r) is in
-equilibrium, and beside it m = M (1 - 2 |g| / b) towards the nearer row. It starts in the groove where it first touched and moves on
-when m = M does not hold it. A touch wider than the rows is apart feels no grooves.
+apart, at the nodes and midway between them, and these, which two nodes carry, stand out as ridges between which a sphere sits as in a
+groove (`groove_law`). It starts in the groove where it first touched and moves on when that holds it no more.
 
 Legend: P poses, S sections; y to the side, an angle about x is positive where the side of positive y goes down.
 """
@@ -38,14 +37,16 @@ SMALL = 1e-12
 class Obstacle:
     """A sphere, round = True, or a cylinder whose axis is turned [rad] from y towards x.
 
-    groove, row: middle of the groove in which a sphere starts, from the middle of the section, and the distance of rows
+    first, row: where a sphere first touches, from a row of nodes, and the distance b of rows; in distances of rows and [length]
+    nodes: where that row of nodes is, from the middle of the section
     """
 
     radius: float
     round: bool
     turn: float = 0.0
-    groove: float = 0.0
+    first: float = 0.0
     row: float = 1.0
+    nodes: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,8 @@ class Bent:
     push: (P,) deflection there; slope: (P,) angle of the axis there; force: (P,) that this takes, EI = 1
     indentation, width: (P,) by the touch, and its half-width
     deflection, rotation, drawn_in, aside, turn: (P, S) of the sections; `rotation` about y and `turn` about x are angles
-    lean, pull, hold, groove: (P,) of a sphere: m / M; (Z - middle) / b; C M / b; how many grooves it moved on
+    lean, pull, hold, lies, groove: (P,) of a sphere, M = b / (2 r): m / M; Z from the nodes of its groove, C M and z from those nodes, in
+        distances of rows; how many grooves it moved on
     """
 
     touch: Tensor
@@ -74,6 +76,7 @@ class Bent:
     lean: Tensor
     pull: Tensor
     hold: Tensor
+    lies: Tensor
     groove: Tensor
 
 
@@ -105,7 +108,7 @@ def press(x: Tensor, centre: Tensor, obstacle: Obstacle, bar: Bar) -> Bent:
     return Bent(touch=a, depth=depth, push=push, slope=q, force=force, indentation=indentation, width=width, deflection=deflection,
                 rotation=torch.atan(force[:, None] * p), drawn_in=bar.drawn_in(x, deflection),
                 aside=sideways[:, None] * _lying(here, at, bar), turn=torque[:, None] * bar.twist(here, at),
-                lean=lean, pull=groove[0], hold=groove[1], groove=groove[2])
+                lean=lean, pull=groove[0], hold=groove[1], lies=groove[2], groove=groove[3])
 
 
 def _indentation(force: Tensor, obstacle: Obstacle, bar: Bar) -> Tensor:
@@ -121,13 +124,13 @@ def _lying(x: Tensor, a: Tensor, bar: Bar) -> Tensor:
     return bar.lying.bend(x, a)[0] * (bar.second_moment / bar.lying.second_moment)
 
 
-Answer = tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor, Tensor]]
+Answer = tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor, Tensor, Tensor]]
 
 
 def _flat(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
     """Lean, force to the side and torque (P,) of a cylinder; it knows no grooves across."""
     lean, none = torch.tan(slope) * math.tan(obstacle.turn), torch.zeros_like(a)
-    return lean, force * lean, -torch.atan(lean) / bar.twist(a, a), (none, none, none)
+    return lean, force * lean, -torch.atan(lean) / bar.twist(a, a), (none, none, none, none)
 
 
 def _grooved(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
@@ -136,22 +139,58 @@ def _grooved(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Ten
     sideways, twist = _lying(a, a, bar), bar.twist(a, a)
     lever = arm - sideways * force
     turn = twist * force / (1 + twist * force * lever).clamp(min=0.1)  # angle for a unit of e + m lever
-    pull = (beside * (1 - lever * turn) - obstacle.groove) / obstacle.row
+    pull = (beside * (1 - lever * turn) - obstacle.nodes) / obstacle.row
     hold = (sideways * force + lever**2 * turn) * most / obstacle.row + SMALL
-    lean, groove = held(pull, hold)
-    lean = lean * torch.sigmoid((1.2 - width / obstacle.row) / 0.15)
+    lean, lies, moved = held(pull, hold, width / obstacle.row, obstacle.first)
     angle = turn * (beside + most * lean * lever)
-    return lean, force * (most * lean - angle), angle / twist, (pull, hold, groove)
+    return lean, force * (most * lean - angle), angle / twist, (pull - 2 * moved, hold, lies, moved)
 
 
-def held(pull: Tensor, hold: Tensor) -> tuple[Tensor, Tensor]:
-    """m / M of a sphere in its groove, and how many grooves it moved on.
+# The law of a groove, read off 2000 frames of finite elements (docs/network.md): half-width of the touch in distances of rows -> k, g.
+WIDTH_AT = torch.tensor([0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.4, 1.65, 2.2], dtype=torch.float64)
+STEEP_AT = torch.tensor([15.0, 10.0, 8.0, 6.0, 3.0, 2.8, 2.4, 2.6, 1.75, 1.0], dtype=torch.float64)
+START_AT = torch.tensor([0.48, 0.45, 0.42, 0.40, 0.24, 0.18, 0.0, 0.0, 0.0, 0.0], dtype=torch.float64)
+
+
+def groove_law(width: Tensor) -> tuple[Tensor, Tensor]:
+    """k and g of the law m / M = max(k (z - g), -2 z), at most 2 (1 - z), for 0 <= z <= 1 from a row of nodes to a ridge; odd in z.
+
+    A narrow touch rests between two rows, where the law jumps; a wide one feels the ridges alone, and rests on the nodes' row.
 
     Args:
-        pull: (P,) where it would be without grooves, from the middle of the groove where it starts, in distances of rows
-        hold: (P,) how far from the middle of a groove that may be and it stays there, likewise; above 0
+        width: (P,) half-width of the touch in distances of rows
     """
-    moved = torch.sign(pull) * torch.ceil(pull.abs() - hold.clamp(min=0.5)).clamp(min=0)
-    rest = pull - moved
-    beside = torch.sign(rest) * (1 - 2 * rest.abs()).clamp(min=0) / (1 - 2 * hold).clamp(min=SMALL)
-    return torch.where(rest.abs() <= hold, rest / hold, beside.clamp(-1, 1)), moved
+    at = torch.searchsorted(WIDTH_AT, width.contiguous()).clamp(1, len(WIDTH_AT) - 1)
+    share = ((width - WIDTH_AT[at - 1]) / (WIDTH_AT[at] - WIDTH_AT[at - 1])).clamp(0, 1)
+    return STEEP_AT[at - 1] + share * (STEEP_AT[at] - STEEP_AT[at - 1]), START_AT[at - 1] + share * (START_AT[at] - START_AT[at - 1])
+
+
+def held(pull: Tensor, hold: Tensor, width: Tensor, first: float) -> tuple[Tensor, Tensor, Tensor]:
+    """m / M of a sphere in its groove, where it lies (both from the nodes of the groove), and by how many grooves it moved on.
+
+    Solves z = pull - hold m(z) / M with the law of the groove.
+
+    Args:
+        pull: (P,) where it would be without grooves, from the nodes of the groove where it starts, in distances of rows
+        hold: (P,) how far m = M moves it, likewise; above 0
+        width: (P,) half-width of the touch, likewise
+        first: where it first touched, likewise; -1 to 1
+    """
+    steep, start = groove_law(width)
+    knee = (2 + steep * start) / (2 + steep)  # where the law is at its highest
+    stiff = hold < 0.5  # the beam follows past that; a softer one jumps
+    highest = torch.where(stiff, 1.0, knee + 2 * hold * (1 - knee))  # pull that is just held
+    moved = torch.sign(pull) * torch.ceil((pull.abs() - highest) / 2).clamp(min=0)
+    rest = pull - 2 * moved
+    side = torch.where((moved == 0) & (start > 0), 1.0 if first >= 0 else -1.0, torch.where(moved == 0, torch.sign(rest), -torch.sign(moved)))
+    side = torch.where(side == 0, 1.0, side)
+    foot = steep * start / (steep + 2)  # below it the law is that of the nodes' row, -2 z
+    side = torch.where(side * rest < foot * (1 - 2 * hold), torch.where(stiff & (side * rest > -foot * (1 - 2 * hold)), side, -side), side)
+    along = side * rest
+    z = (along + hold * steep * start) / (1 + hold * steep)
+    past = (along - 2 * hold) / (1 - 2 * hold)
+    low = along / (1 - 2 * hold)
+    z = torch.where(stiff & (z > knee), past, z)
+    z = torch.where(stiff & (z < foot), low, z).clamp(-1, 1)
+    m = torch.minimum(torch.maximum(steep * (z - start), -2 * z), 2 * (1 - z))
+    return side * m, side * z, moved
