@@ -31,7 +31,7 @@ CHEAPER = [
 
 
 def model(estimate: bool = False):
-    return SimpleNamespace(config=SimpleNamespace(estimate=estimate))
+    return SimpleNamespace(config=SimpleNamespace(estimate=estimate), title="M4GN")
 
 
 @pytest.fixture

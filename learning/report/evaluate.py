@@ -70,7 +70,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
 
 def has_estimate(model: Model | Slender) -> bool:
     """Whether a network corrects an estimate, which predicts by itself too."""
-    return isinstance(model, Model) and model.config.estimate
+    return not isinstance(model, Slender) and model.config.estimate
 
 
 def load_cases(files: Sequence[str | Path]) -> list[Case]:
@@ -188,7 +188,7 @@ def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | S
             if row.kind in ("learned", "hybrid"):
                 notes[0] += (f" {row.name}: {1e3 * row.scores['rmse_refined']:.3g} mm from the finer solution; in "
                              f"{100 * row.scores['below_data']:.0f} % of the frames closer to the data than these to it.")
-    notes += _of_correction(found.rows)
+    notes += [*_of_correction(found.rows), *_of_doubt(found.rows, cases)]
     if runs:
         notes.append("The test scenes lie inside or outside of the ranges listed above. Each quantity is looked at by itself: a scene "
                      "inside of all of them may still combine values as no training scene did." if spans else
@@ -212,6 +212,21 @@ def _of_correction(rows: Sequence[Row]) -> list[str]:
             said.append(f"{row.name}: the error over whole rollouts falls by a factor of "
                         f"{alone.scores['rmse_all'] / row.scores['rmse_all']:.3g}, for {row.ms_per_step - alone.ms_per_step:.3g} ms a step "
                         f"more; the solver itself takes {reference.ms_per_step:.3g} ms.")
+    return said
+
+
+def _of_doubt(rows: Sequence[Row], cases: Sequence[Case]) -> list[str]:
+    """Where predictors say themselves that they do not know, and how far off they are elsewhere."""
+    said = []
+    for row in rows:
+        shares = {case.name: each.get("unsure", np.nan) for case, each in zip(cases, row.each, strict=True)}
+        if all(np.isnan(share) for share in shares.values()):
+            continue
+        unsure = {name: share for name, share in shares.items() if share > 0}
+        sure = [each["rmse_all"] for each in row.each if not each["unsure"] > 0]
+        names = ", ".join(f"{name} ({100 * share:.0f} % of the frames)" for name, share in unsure.items()) or "none of them"
+        said.append(f"{row.name} says that it does not know: {names}." + (
+            f" In the other {len(sure)} trajectories it is {1e3 * max(sure):.3g} mm off at most." if sure else ""))
     return said
 
 

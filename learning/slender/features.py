@@ -87,7 +87,8 @@ def _pose(beam: Beam, bar: Bar, centre: Tensor, bent: Bent) -> Tensor:
                 bent.width / beam.row * ball, angle, lying * ball / height, torch.tanh(angle * lying / height), off / beam.radius,
                 beam.turn * bent.slope, beam.turn * off / width, off * bent.slope / width,
                 bent.lean, torch.tanh(bent.pull), torch.tanh(bent.pull / 4), torch.tanh(bent.hold), torch.tanh(bent.hold / 4),
-                bent.lies, torch.tanh(bent.groove), (bent.groove != 0).to(one.dtype), sag[0] / depth.clamp(min=1e-3 * height), sag[1] * ball / height]
+                bent.lies, torch.tanh(bent.groove), (bent.groove != 0).to(one.dtype), sag[0] / depth.clamp(min=1e-3 * height),
+                sag[1] * ball / height]
     for k in (0.5, 1, 2):
         columns += [torch.sin(TAU * k * row), torch.cos(TAU * k * row)]
         columns += [torch.sin(TAU * k * bent.lies) * ball, torch.cos(TAU * k * bent.lies) * ball]

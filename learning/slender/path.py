@@ -5,7 +5,8 @@ So poses are predicted at a few fractions s of the way from the first touch to t
 
     u(t) = sum over poses k of W_k(t) u_k,    W the cubic spline through the poses (not-a-knot), 0 before the touch
 
-is one product of matrices. The error bar of a frame is that of the poses beside it, straight lines between them.
+is one product of matrices. The error bar of a frame is that of the poses beside it, straight lines between them; a frame is unlike those
+of the training where a pose beside it is.
 
 Legend: T frames, K poses, N nodes, S sections.
 """
@@ -61,10 +62,10 @@ def predict(model: Slender, scene: Scene, points: Floats) -> Path:
     nodes = beam.nodes(coefficients.numpy()).reshape(len(poses), -1)
     weights = CubicSpline(poses, np.eye(len(poses)))(frames[first:]).astype(np.float32)
     np.matmul(weights, nodes, out=path.displacement.reshape(count + 1, -1)[first:])
-    bar = model.scales.bar.item() * doubt.numpy()
-    strange = model.strange(seen.pose).numpy()
-    path.bar[first:] = np.interp(frames[first:], poses, bar)
-    path.unsure[first:] = np.interp(frames[first:], poses, strange | (bar > model.config.unsure_above)) > 0
+    factor = model.scales.bar.item()
+    path.bar[first:] = factor * np.interp(frames[first:], poses, doubt.numpy()) if np.isfinite(factor) else np.inf
+    strange = np.interp(frames[first:], poses, model.strange(seen.pose).numpy()) > 0
+    path.unsure[first:] = strange | (path.bar[first:] > model.config.unsure_above)
     return path
 
 

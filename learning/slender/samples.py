@@ -19,6 +19,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from datagen.files.trajectory import Trajectory, read_sound
+from learning.samples.seen import Value, description
 from learning.slender.beam import FUNCTIONS, see
 from learning.slender.features import Seen, shown
 from learning.slender.path import check_points
@@ -34,6 +35,7 @@ class Sample:
     target: (P, S, 18) [m] coefficients less those of the base
     left: (P,) [m2] mean square distance over free nodes of what coefficients leave out; share: nodes over free nodes
     motion: [m] root mean square displacement of the free nodes
+    told: the trajectory's description, see samples/seen.py
     """
 
     pose: Tensor
@@ -45,6 +47,7 @@ class Sample:
     left: Tensor
     share: float
     motion: float
+    told: dict[str, Value]
     digest: str
 
     def error(self, answer: Tensor) -> Tensor:
@@ -91,7 +94,7 @@ def sample_of(trajectory: Trajectory, frames: int) -> Sample | None:
     digest = hashlib.sha256(np.ascontiguousarray(trajectory.displacement, "<f4").tobytes()).hexdigest()
     return Sample(seen.pose.float(), shown(beam.mirrored(), picked / last).pose.float(), seen.section.float(), seen.unit.float(),
                   seen.depth.float(), target.flatten(2).float(), torch.from_numpy(left).float(), len(free) / int(free.sum()),
-                  float(np.sqrt((truth[:, free] ** 2).sum(axis=2).mean())), digest)
+                  float(np.sqrt((truth[:, free] ** 2).sum(axis=2).mean())), description(trajectory), digest)
 
 
 def seen_of(sample: Sample) -> Seen:

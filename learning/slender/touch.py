@@ -182,7 +182,8 @@ def held(pull: Tensor, hold: Tensor, width: Tensor, first: float) -> tuple[Tenso
     highest = torch.where(stiff, 1.0, knee + 2 * hold * (1 - knee))  # pull that is just held
     moved = torch.sign(pull) * torch.ceil((pull.abs() - highest) / 2).clamp(min=0)
     rest = pull - 2 * moved
-    side = torch.where((moved == 0) & (start > 0), 1.0 if first >= 0 else -1.0, torch.where(moved == 0, torch.sign(rest), -torch.sign(moved)))
+    begun = torch.where(start > 0, 1.0 if first >= 0 else -1.0, torch.sign(rest))
+    side = torch.where(moved == 0, begun, -torch.sign(moved))
     side = torch.where(side == 0, 1.0, side)
     foot = steep * start / (steep + 2)  # below it the law is that of the nodes' row, -2 z
     side = torch.where(side * rest < foot * (1 - 2 * hold), torch.where(stiff & (side * rest > -foot * (1 - 2 * hold)), side, -side), side)

@@ -29,6 +29,7 @@ from datagen.files.provenance import versions
 from learning.config import SlenderConfig
 from learning.networks.sections import Sections
 from learning.networks.stored import read_stored, under, write_stored
+from learning.samples.seen import ranges, write_seen
 from learning.slender.calibration import stretch
 from learning.slender.model import Scales, Slender, load_slender, scaled, state_of
 from learning.slender.samples import Sample, Table, fingerprint, load_samples, mirror_signs, seen_of, table_of
@@ -66,7 +67,9 @@ def train_sections(config: SlenderConfig, files_train: Sequence[str | Path], fil
     run = _Run(config, samples, out)
     if resume:
         run.go_on()
+    out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
+    write_seen(out, ranges([sample.told for sample in samples]))
     begun = run.about["step"], run.about["seconds"]
     run.loop(valid, config.steps if steps is None else min(steps, config.steps))
     about = run.about
@@ -157,7 +160,6 @@ class _Run:
         about = self.about
         error, bar = judge(Slender(self.config, self.network, self.scales, str(self.out)), valid) if valid else (None, math.inf)
         about["last_error"] = error
-        self.out.mkdir(parents=True, exist_ok=True)
         with open(self.out / "curve.jsonl", "a") as file:
             file.write(json.dumps({"step": about["step"], "seconds": about["seconds"], "loss": about["loss"], "error": error}) + "\n")
         if error is None or about["best_error"] is None or error < about["best_error"]:
