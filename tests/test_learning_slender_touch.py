@@ -83,7 +83,7 @@ def test_a_mirrored_press_gives_the_mirrored_answer():
 
 
 def solved(pull, hold, width, first=0.5):
-    """m / M, place and grooves moved for one pose each."""
+    """m / M, place, grooves moved and whether at a jump, for one pose each."""
     given = [torch.tensor(each, dtype=torch.float64) for each in (pull, hold, width)]
     return [each.tolist() for each in held(*given, first)]
 
@@ -99,7 +99,7 @@ def test_where_a_sphere_lies_is_in_equilibrium_with_the_law_of_its_groove():
         for hold in (0.05, 0.3, 0.7, 2.0):
             for pull in (-0.9, -0.45, 0.05, 0.3, 0.6, 0.95):
                 for first in (-0.5, 0.5):
-                    (m,), (z,), (moved,) = solved([pull], [hold], [width], first)
+                    (m,), (z,), (moved,), _ = solved([pull], [hold], [width], first)
                     assert -1 <= z <= 1 and moved == 0
                     if abs(z) < 1:
                         assert m == pytest.approx(law(z, width), abs=1e-9)
@@ -108,10 +108,13 @@ def test_where_a_sphere_lies_is_in_equilibrium_with_the_law_of_its_groove():
 
 def test_a_wide_touch_lies_where_a_spring_would_hold_it_until_a_ridge_is_passed():
     # from 0.95 to 1.4 rows k is 2.4 to 2.6 and g is 0: the law's knee is at 2 / (2 + k)
-    m, z, moved = solved([0.5, 1.3, 2.1], [1.0, 1.0, 1.0], [0.95] * 3)
+    m, z, moved, jumped = solved([0.5, 1.3, 2.1], [1.0, 1.0, 1.0], [0.95] * 3)
     assert z[0] == pytest.approx(0.5 / 3.4) and m[0] == pytest.approx(2.4 * 0.5 / 3.4) and moved[0] == 0
     assert z[1] == pytest.approx(1.3 / 3.4) and moved[1] == 0  # held up to 2 / 4.4 + 2 x 2.4 / 4.4 = 1.545
     assert z[2] == pytest.approx(0.1 / 3.4) and moved[2] == 1  # beyond it lies in the next groove, two rows on
+    assert jumped == [False, False, True]
+    assert solved([0.2, -0.6], [0.8, 0.8], [0.3] * 2)[3] == [False, True]  # a narrow touch across the nodes' row
+    assert solved([-0.6], [0.1], [0.3])[3] == [False]  # a stiff beam follows
 
 
 def test_the_law_of_a_groove_is_that_of_its_table():

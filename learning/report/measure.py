@@ -12,7 +12,7 @@ Legend: T frames, N nodes of the body, F frames of a finer solution.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -92,9 +92,8 @@ def _repeated(predictor: Predictor, case: Case, repeats: int) -> Prediction:
     predictions = [predictor.predict(case)]
     while len(predictions) < repeats and predictions[0].seconds < LONG:
         predictions.append(predictor.predict(case))
-    first = predictions[0]
-    return Prediction(path=first.path, one_step=first.one_step, iterations=first.iterations,
-                      seconds=float(np.median([p.seconds for p in predictions])), set_up=float(np.median([p.set_up for p in predictions])))
+    return replace(predictions[0], seconds=float(np.median([p.seconds for p in predictions])),
+                   set_up=float(np.median([p.set_up for p in predictions])))
 
 
 def _second_truth(case: Case, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:

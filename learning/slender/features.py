@@ -33,13 +33,14 @@ SMALLEST = 1e-6  # of the beam's length, of a depth that is divided by
 @dataclass(frozen=True)
 class Seen:
     """Some poses of one beam: pose (P, A) and section (P, S, B) features; base (P, S, 3, 6) [m], unit (P, S) [m]
-    and depth (P,) [m] of the obstacle."""
+    depth (P,) [m] of the obstacle, and jumps (P,) True where a sphere has left its groove at a jump."""
 
     pose: Tensor
     section: Tensor
     base: Tensor
     unit: Tensor
     depth: Tensor
+    jumps: Tensor
 
 
 def shown(beam: Beam, fraction: np.ndarray) -> Seen:
@@ -53,7 +54,7 @@ def look(beam: Beam, centre: Tensor) -> Seen:
     bar = Bar(*beam.extent, beam.poisson_ratio, beam.held_at_both)
     bent = press(x, centre, obstacle_of(beam), bar)
     return Seen(_pose(beam, bar, centre, bent), _section(beam, x, centre, bent), _base(beam, bent),
-                bent.depth[:, None] * _envelope(beam, x), bent.depth)
+                bent.depth[:, None] * _envelope(beam, x), bent.depth, bent.jumps)
 
 
 def obstacle_of(beam: Beam) -> Obstacle:

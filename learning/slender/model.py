@@ -60,11 +60,12 @@ class Slender:
             answer = said * self.scales.answer * seen.unit.float()[..., None]
             return seen.base.float() + answer.unflatten(-1, (3, FUNCTIONS)), doubt.exp() * seen.depth.float()
 
-    def strange(self, pose: Tensor) -> Tensor:
-        """(P,) True where a feature (P, A) of a pose lies outside of what the training saw."""
+    def strange(self, seen: Seen) -> Tensor:
+        """(P,) True where a feature of a pose lies outside of what the training saw, or a sphere has left its groove at a jump."""
         low, high = self.scales.low, self.scales.high
         margin = MARGIN * (high - low) + 1e-5
-        return ((pose.float() < low - margin) | (pose.float() > high + margin)).any(dim=1)
+        pose = seen.pose.float()
+        return ((pose < low - margin) | (pose > high + margin)).any(dim=1) | seen.jumps
 
 
 def scaled(features: Tensor, scale: Tensor) -> Tensor:

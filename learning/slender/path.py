@@ -64,7 +64,7 @@ def predict(model: Slender, scene: Scene, points: Floats) -> Path:
     np.matmul(weights, nodes, out=path.displacement.reshape(count + 1, -1)[first:])
     factor = model.scales.bar.item()
     path.bar[first:] = factor * np.interp(frames[first:], poses, doubt.numpy()) if np.isfinite(factor) else np.inf
-    strange = np.interp(frames[first:], poses, model.strange(seen.pose).numpy()) > 0
+    strange = np.interp(frames[first:], poses, model.strange(seen).numpy()) > 0
     path.unsure[first:] = strange | (path.bar[first:] > model.config.unsure_above)
     return path
 

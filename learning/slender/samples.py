@@ -99,7 +99,8 @@ def sample_of(trajectory: Trajectory, frames: int) -> Sample | None:
 
 def seen_of(sample: Sample) -> Seen:
     """The sample as features of which the base is zero, so that a model's answer is to be the target."""
-    return Seen(sample.pose, sample.section, torch.zeros(*sample.unit.shape, 3, FUNCTIONS), sample.unit, sample.depth)
+    return Seen(sample.pose, sample.section, torch.zeros(*sample.unit.shape, 3, FUNCTIONS), sample.unit, sample.depth,
+                torch.zeros(len(sample.depth), dtype=torch.bool))
 
 
 def mirror_signs() -> Tensor:

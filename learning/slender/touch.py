@@ -59,6 +59,7 @@ class Bent:
     deflection, rotation, drawn_in, aside, turn: (P, S) of the sections; `rotation` about y and `turn` about x are angles
     lean, pull, hold, lies, groove: (P,) of a sphere, M = b / (2 r): m / M; Z from the nodes of its groove, C M and z from those nodes, in
         distances of rows; how many grooves it moved on
+    jumps: (P,) True where it has left the place where it first lay at a jump: a body that did so snapped, when exactly is not known
     """
 
     touch: Tensor
@@ -78,6 +79,7 @@ class Bent:
     hold: Tensor
     lies: Tensor
     groove: Tensor
+    jumps: Tensor
 
 
 def press(x: Tensor, centre: Tensor, obstacle: Obstacle, bar: Bar) -> Bent:
@@ -108,7 +110,8 @@ def press(x: Tensor, centre: Tensor, obstacle: Obstacle, bar: Bar) -> Bent:
     return Bent(touch=a, depth=depth, push=push, slope=q, force=force, indentation=indentation, width=width, deflection=deflection,
                 rotation=torch.atan(force[:, None] * p), drawn_in=bar.drawn_in(x, deflection),
                 aside=sideways[:, None] * _lying(here, at, bar), turn=torque[:, None] * bar.twist(here, at),
-                lean=lean, pull=groove[0], hold=groove[1], lies=groove[2], groove=groove[3])
+                lean=lean, pull=groove[0], hold=groove[1], lies=groove[2], groove=groove[3],
+                jumps=groove[4] > 0)
 
 
 def _indentation(force: Tensor, obstacle: Obstacle, bar: Bar) -> Tensor:
@@ -124,13 +127,13 @@ def _lying(x: Tensor, a: Tensor, bar: Bar) -> Tensor:
     return bar.lying.bend(x, a)[0] * (bar.second_moment / bar.lying.second_moment)
 
 
-Answer = tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor, Tensor, Tensor]]
+Answer = tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor, Tensor, Tensor, Tensor]]
 
 
 def _flat(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
     """Lean, force to the side and torque (P,) of a cylinder; it knows no grooves across."""
     lean, none = torch.tan(slope) * math.tan(obstacle.turn), torch.zeros_like(a)
-    return lean, force * lean, -torch.atan(lean) / bar.twist(a, a), (none, none, none, none)
+    return lean, force * lean, -torch.atan(lean) / bar.twist(a, a), (none, none, none, none, none)
 
 
 def _grooved(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
@@ -141,9 +144,9 @@ def _grooved(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Ten
     turn = twist * force / (1 + twist * force * lever).clamp(min=0.1)  # angle for a unit of e + m lever
     pull = (beside * (1 - lever * turn) - obstacle.nodes) / obstacle.row
     hold = (sideways * force + lever**2 * turn) * most / obstacle.row + SMALL
-    lean, lies, moved = held(pull, hold, width / obstacle.row, obstacle.first)
+    lean, lies, moved, jumped = held(pull, hold, width / obstacle.row, obstacle.first)
     angle = turn * (beside + most * lean * lever)
-    return lean, force * (most * lean - angle), angle / twist, (pull - 2 * moved, hold, lies, moved)
+    return lean, force * (most * lean - angle), angle / twist, (pull - 2 * moved, hold, lies, moved, jumped.to(a.dtype))
 
 
 # The law of a groove, read off 2000 frames of finite elements (docs/network.md): half-width of the touch in distances of rows -> k, g.
@@ -165,8 +168,8 @@ def groove_law(width: Tensor) -> tuple[Tensor, Tensor]:
     return STEEP_AT[at - 1] + share * (STEEP_AT[at] - STEEP_AT[at - 1]), START_AT[at - 1] + share * (START_AT[at] - START_AT[at - 1])
 
 
-def held(pull: Tensor, hold: Tensor, width: Tensor, first: float) -> tuple[Tensor, Tensor, Tensor]:
-    """m / M of a sphere in its groove, where it lies (both from the nodes of the groove), and by how many grooves it moved on.
+def held(pull: Tensor, hold: Tensor, width: Tensor, first: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """m / M of a sphere in its groove, where it lies from the groove's nodes, by how many grooves it moved on, and whether at a jump.
 
     Solves z = pull - hold m(z) / M with the law of the groove.
 
@@ -194,4 +197,4 @@ def held(pull: Tensor, hold: Tensor, width: Tensor, first: float) -> tuple[Tenso
     z = torch.where(stiff & (z > knee), past, z)
     z = torch.where(stiff & (z < foot), low, z).clamp(-1, 1)
     m = torch.minimum(torch.maximum(steep * (z - start), -2 * z), 2 * (1 - z))
-    return side * m, side * z, moved
+    return side * m, side * z, moved, ~stiff & ((moved != 0) | (side != begun))
