@@ -1,35 +1,27 @@
 """What does a part of the network or of its segments gain? Trainings that differ in one thing, on equal processor time.
 
-    .venv/bin/python benchmarks/ablation.py --vary method --seconds 60
-    .venv/bin/python benchmarks/ablation.py --vary segments --seconds 60 --seeds 3 --json segments.json
+    .venv/bin/python -m benchmarks.ablation --vary method --seconds 60
+    .venv/bin/python -m benchmarks.ablation --vary segments --seconds 60 --seeds 3 --json segments.json
 
 --vary is method, segments, overlap, encoding, message_steps or scheme. All but the last predict straight from the obstacle's pose,
 which a minute already teaches something (stepwise takes several before its rollouts hold). Each training gets so many steps as
 take the given processor seconds, by the fastest of ten steps made before, or, where rows differ in segments alone, as many as the
 first row; reading the data, segments and estimates come on top. The beams are those of assets/beam-small.pack, or a data set
 (--data). Errors as in benchmarks/accuracy.py, means over the test trajectories, in mm; with several seeds their mean and
-standard deviation, which short trainings need before two rows may be told apart. One thread.
+standard deviation, which short trainings need before two rows may be told apart.
 """
 
-from __future__ import annotations
-
-import argparse
 import json
-import os
-import sys
 import tempfile
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
 import numpy as np
 import torch
 
-from benchmarks.accuracy import table
+from benchmarks import footing
+from benchmarks.accuracy import ERRORS, means
 from benchmarks.schemes import BASE, SCHEMES
 from datagen.files.trajectory import read_trajectory
 from datagen.sets.dataset import files
@@ -43,10 +35,9 @@ from learning.segments.features import METHODS
 from learning.segments.quality import segment_quality
 from learning.training.train import train
 
-PACK = Path(__file__).parent.parent / "assets" / "beam-small.pack"
+PACK = footing.ROOT / "assets" / "beam-small.pack"
 TIMED = 10  # steps
 ALIKE = ("method", "segments")  # differ in nothing that a step costs
-ERRORS = ("rmse_1", "rmse_50", "rmse_all")
 
 
 def variants(name: str) -> dict[str, TrainConfig]:
@@ -68,25 +59,24 @@ def step_seconds(config: TrainConfig, path: Path) -> float:
     """[s] of processor time of one training step: samples, forward and backward pass."""
     case, generator = load_examples([path], config)[0], torch.Generator().manual_seed(0)
     frames = case.targets[np.linspace(0, len(case.targets) - 1, config.batch_size).astype(int)] - 1
-    network, found = M4GN(config.network), []
-    for _ in range(TIMED):
-        started = time.process_time()
+    network = M4GN(config.network)
+
+    def step() -> None:
         drawn = [sample(case, int(frame), config, generator) for frame in frames]
         (network(join([graph for graph, _ in drawn])) - torch.cat([target for _, target in drawn])).square().mean().backward()
-        found.append(time.process_time() - started)
-    return min(found)
+
+    return footing.least(step, TIMED)
 
 
 def trained(config: TrainConfig, paths: list[Path], tests: list[Path]) -> dict[str, dict[str, float]]:
     """Errors [m] of one training, and of what knows nothing."""
     with tempfile.TemporaryDirectory() as folder:
         train(config, paths, [], folder)
-        rows, _ = table(load_model(folder), tests, every=4)
-    return rows
+        return means(load_model(folder), tests, every=4)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = footing.parser(__doc__)
     parser.add_argument("--vary", required=True, choices=("method", "segments", "overlap", "encoding", "message_steps", "scheme"))
     parser.add_argument("--seconds", type=float, default=60.0, help="processor seconds of each training (60)")
     parser.add_argument("--seeds", type=int, default=1)
@@ -94,7 +84,6 @@ def main() -> None:
     parser.add_argument("--data", help="folder of a data set (assets/beam-small.pack)")
     parser.add_argument("--json", help="write the numbers to this file")
     options = parser.parse_args()
-    torch.set_num_threads(1)
     compared = variants(options.vary)
     if options.only:
         compared = {label: config for label, config in compared.items() if label in options.only}
@@ -106,9 +95,7 @@ def main() -> None:
             unpack(PACK, data := Path(folder, "data"))
         paths, tests = files(data, "train"), files(data, "test")
         rows: dict[str, Any] = {}
-        each = 0.0
-        print(f"| {options.vary} | segments | silhouette | steps | ms a step | RMSE-1 [mm] | RMSE-50 [mm] | RMSE-all [mm] |")
-        print("| --- " + "| ---: " * 7 + "|")
+        each, printed = 0.0, footing.Table()
         for label, config in compared.items():
             if not each or options.vary not in ALIKE:
                 each = step_seconds(config, paths[0])
@@ -122,13 +109,13 @@ def main() -> None:
                 quality.append(segment_quality(case.trajectory, case.skeleton.segment)["silhouette"])
             rows[label] = {"runs": runs, "steps": steps, "ms_per_step": 1e3 * each, "segments": float(np.mean(count)),
                            "silhouette": float(np.mean(quality))}
-            mean = {name: float(np.mean([run[name] for run in runs])) for name in ERRORS}
-            spread = {name: f" ± {1e3 * np.std([run[name] for run in runs], ddof=1):.2g}" if len(runs) > 1 else "" for name in ERRORS}
-            cells = [label, f"{rows[label]['segments']:.3g}", f"{rows[label]['silhouette']:.3f}", str(steps), f"{1e3 * each:.1f}",
-                     *(f"{1e3 * mean[name]:.3g}{spread[name]}" for name in ERRORS)]
-            print("| " + " | ".join(cells) + " |", flush=True)
+            errors = {name: [1e3 * run[name] for run in runs] for name in ERRORS}
+            printed.add({options.vary: label, "segments": rows[label]["segments"], "silhouette": f"{rows[label]['silhouette']:.3f}",
+                         "steps": steps, "ms a step": f"{1e3 * each:.1f}"}
+                        | {f"{name} [mm]": f"{np.mean(mm):.3g}" + (f" ± {np.std(mm, ddof=1):.2g}" if len(mm) > 1 else "")
+                           for name, mm in errors.items()})
         rows["nothing moves"] = still = found[0]["nothing moves"]
-        print("| nothing moves" + " | " * 5 + " | ".join(f"{1e3 * still[name]:.3g}" for name in ERRORS) + " |")
+        printed.add({options.vary: "nothing moves"} | {f"{name} [mm]": 1e3 * still[name] for name in ERRORS})
     if options.json:
         Path(options.json).write_text(json.dumps({"vary": options.vary, "seconds": options.seconds, "rows": rows}, indent=1))
 

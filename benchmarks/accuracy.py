@@ -1,27 +1,19 @@
 """Errors of trained networks over whole rollouts, beside those of predictors that know nothing and of the estimate alone.
 
-    .venv/bin/python benchmarks/accuracy.py RUN --data DIR                  the test split
-    .venv/bin/python benchmarks/accuracy.py RUN --data DIR --every 5        a fifth of the frames
-    .venv/bin/python benchmarks/accuracy.py RUN --data DIR --every 5 --kept estimates of an earlier call, whose time is not told
+    .venv/bin/python -m benchmarks.accuracy RUN --data DIR [DIR ...]            the test split of each
+    .venv/bin/python -m benchmarks.accuracy RUN --data DIR --every 5            a fifth of the frames
+    .venv/bin/python -m benchmarks.accuracy RUN --data DIR --every 5 --kept     estimates of an earlier call, whose time is not told
 
 RMSE-1, RMSE-50 and RMSE-all [m] of free nodes as physics/fidelity/verify.py defines them, means over trajectories: one step from true
-frames, steps 1 to 50 and all steps of a rollout. Times are processor milliseconds a frame of one thread.
+frames, steps 1 to 50 and all steps of a rollout.
 """
 
-import argparse
-import json
-import os
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
 import numpy as np
-import torch
 
+from benchmarks import footing
 from datagen.files.trajectory import read_trajectory
 from datagen.sets.dataset import files
 from learning.prediction.checkpoint import load_model
@@ -30,7 +22,9 @@ from learning.prediction.rollout import predict_step, rollout, walk
 from learning.samples.samples import CACHE, build_example
 from physics.mesh.quality import rmse
 
-torch.set_num_threads(1)
+ERRORS = ("RMSE-1", "RMSE-50", "RMSE-all")
+# Lei et al. 2025, M4GN, on their own data set
+PUBLISHED = (1.17e-5, 3.4e-5, 1.87e-4)
 
 
 def measured(path, steps, truth, frames, free):
@@ -53,51 +47,54 @@ def errors(model, trajectory, every=1, kept=False):
              for name, rule in (("nothing moves", nothing_moves), ("keep the last velocity", keep_velocity))}
     spent = {}
     if model.config.scheme == "step":
-        started = time.process_time()
-        path = rollout(model, trajectory).displacement
-        spent["network"] = 1e3 * (time.process_time() - started) / last
-        found["network"] = measured(path, predict_step(model, trajectory), truth, frames, free)
+        seconds, rolled = footing.cost(rollout, model, trajectory)
+        spent["network"] = 1e3 * seconds / last
+        found["network"] = measured(rolled.displacement, predict_step(model, trajectory), truth, frames, free)
         return found, spent
     targets = np.unique(np.concatenate([frames, frames - 1]))
     blind = replace(trajectory, displacement=np.where(free[:, None], np.float32(0), truth))
-    started = time.process_time()
-    case = build_example(blind, model.config, targets=targets[targets > 0], cache=CACHE if kept else None)
-    middle = time.process_time()
-    path = walk(model, case)
+    built, case = footing.cost(build_example, blind, model.config, targets=targets[targets > 0], cache=CACHE if kept else None)
+    walked, path = footing.cost(walk, model, case)
     found["network"] = measured(path, single_steps(path, truth), truth, frames, free)
-    spent["network"] = 1e3 * (time.process_time() - middle) / len(case.targets)
+    spent["network"] = 1e3 * walked / len(case.targets)
     if case.estimate is not None:
         path = blind.displacement.copy()
         path[case.targets] = case.estimate.displacement
         found["estimate alone"] = measured(path, single_steps(path, truth), truth, frames, free)
         if not kept:
-            spent["estimate alone"] = 1e3 * (middle - started) / len(case.targets)
+            spent["estimate alone"] = 1e3 * built / len(case.targets)
     return found, spent
 
 
-def table(model, paths, every=1, kept=False):
-    """Means over trajectories: name -> {"rmse_1", "rmse_50", "rmse_all", "ms"}, and RMSE-all of the network for each."""
-    every_one, times = [], []
-    for path in paths:
-        found, spent = errors(model, read_trajectory(path), every, kept)
-        every_one.append(found)
-        times.append(spent)
-    rows = {name: dict(zip(("rmse_1", "rmse_50", "rmse_all"), np.mean([each[name] for each in every_one], axis=0).tolist(), strict=True))
-            | ({"ms": float(np.mean([spent[name] for spent in times]))} if name in times[0] else {}) for name in every_one[0]}
-    return rows, [each["network"][2] for each in every_one]
+def means(model, paths, every=1, kept=False):
+    """Over trajectories: predictor -> {"RMSE-1", "RMSE-50", "RMSE-all", "ms"}."""
+    every_one = [errors(model, read_trajectory(path), every, kept) for path in paths]
+    footing.say("network, RMSE-all [m] of each: " + " ".join(f"{found['network'][2]:.1e}" for found, _ in every_one))
+    first, spent = every_one[0]
+    return {name: dict(zip(ERRORS, np.mean([found[name] for found, _ in every_one], axis=0).tolist(), strict=True))
+            | ({"ms": float(np.mean([times[name] for _, times in every_one]))} if name in spent else {}) for name in first}
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = footing.parser(__doc__)
     parser.add_argument("run")
-    parser.add_argument("--data", required=True)
+    parser.add_argument("--data", required=True, nargs="+")
     parser.add_argument("--split", default="test")
     parser.add_argument("--count", type=int, help="only the first trajectories")
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--kept", action="store_true")
     options = parser.parse_args()
-    rows, each = table(load_model(options.run), files(options.data, options.split)[:options.count], options.every, options.kept)
-    print(json.dumps({"trajectories": len(each), "every": options.every, "m": rows, "network_rmse_all_each": each}, indent=1))
+    model, table = load_model(options.run), footing.Table()
+    found = {Path(data).name: means(model, files(data, options.split)[:options.count], options.every, options.kept)
+             for data in options.data}
+    for name in next(iter(found.values())):
+        table.add({"[m]": Path(options.run).name if name == "network" else name}
+                  | {f"{data}: {error}": f"{rows[name][error]:.1e}" for data, rows in found.items() for error in ERRORS})
+        for data, rows in found.items():
+            if "ms" in rows[name]:
+                footing.say(f"{data}, {name}: {rows[name]['ms']:.3g} ms a frame")
+    table.add({"[m]": "M4GN as published, on the original set"}
+              | {f"{next(reversed(found))}: {error}": f"{value:.2e}" for error, value in zip(ERRORS, PUBLISHED, strict=True)})
 
 
 if __name__ == "__main__":

@@ -1,23 +1,15 @@
 """The curve of a training: error in validation against seconds and samples, beside the estimate that the network corrects.
 
-    .venv/bin/python benchmarks/curve.py RUN --data DIR --out curve.png
+    .venv/bin/python -m benchmarks.curve RUN --data DIR --out curve.png
 """
 
-import argparse
 import json
-import os
-import sys
 from pathlib import Path
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from benchmarks import footing
 from datagen.sets.dataset import files
 from learning.prediction.checkpoint import load_model
 from learning.samples.samples import load_examples
@@ -25,7 +17,7 @@ from physics.mesh.quality import rmse
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = footing.parser(__doc__)
     parser.add_argument("run")
     parser.add_argument("--data", required=True)
     parser.add_argument("--out", required=True)
@@ -50,7 +42,7 @@ def main():
     above = axes.secondary_xaxis("top", functions=(lambda s: s * per_second / 1e3, lambda n: n / per_second * 1e3))
     above.set_xlabel("samples [thousands]")
     figure.savefig(options.out, dpi=150)
-    print(json.dumps({"seconds": float(seconds[-1]), "samples": int(samples[-1]), "best_m": float(error.min()), "estimate_alone_m": level}))
+    footing.Table().add({"seconds": seconds[-1], "samples": int(samples[-1]), "best error [m]": error.min(), "estimate alone [m]": level})
 
 
 if __name__ == "__main__":

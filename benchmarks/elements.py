@@ -1,41 +1,33 @@
 """How stiff are first-order cells in bending, and what does it cost to do better? Error against time, element by element.
 
-    .venv/bin/python benchmarks/elements.py                     the whole table, some four minutes of processor time
-    .venv/bin/python benchmarks/elements.py --picture a.png     and the picture of it
+    .venv/bin/python -m benchmarks.elements                     all meshes, some four minutes of processor time
+    .venv/bin/python -m benchmarks.elements --picture a.png     and the picture of error against time
 
 Cantilevers of square section, 5, 20 and 100 times as long as thick, under a dead traction on the end face, neo-Hookean:
 a small one, P L^2 / E I = 0.01, and a large one, 2, that turns the end by some 45 degrees, in 8 steps (the latter with
 nu = 0.4 alone: plain Newton, which makes the reference, finds no equilibrium with 0.499 in steps so large). The error is that of
 the mean displacement of the end face along the load. First-order cells are solved by physics/equilibrium/path.py, those of second
 order by plain Newton with dolfinx's assembly and MUMPS. The reference is 40 x 3 x 3 hexahedra of second
-order, crowded at the clamped face; how far 20 x 3 x 3 of them are from it is printed.
+order, crowded at the clamped face; how far 20 x 3 x 3 of them are from it is in the JSON.
 
-The press scene of benchmarks/equilibrium.py in 100 steps: reaction and displacement of the end face at the last of them,
-against what standard prisms on the two finest meshes say, extrapolated with the square of the cell size; the same from the
-reduced element is printed beside it.
+The press scene in 100 steps: reaction and displacement of the end face at the last of them, against what standard prisms on the two
+finest meshes say, extrapolated with the square of the cell size; the same from the reduced element is in the JSON.
 
-Seconds are of the processor, one thread, set-up included, compiling left out.
+Seconds have the set-up in them, compiling not. The table has the errors on one mesh, that of the press scene.
 """
 
-from __future__ import annotations
-
-import argparse
 import json
-import os
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 import ufl
 
-from benchmarks.equilibrium import PRESS
+from benchmarks import footing
 from physics import fem
-from physics.body.material import LAWS, lame
+from physics.body.kernel import energy_density
+from physics.body.material import lame
+from physics.body.supports import nodal_areas
 from physics.mesh.build import build_mesh
 from physics.scene import Scene, read_scene
 from physics.solution import solve
@@ -45,6 +37,9 @@ MESHES = [(10, 2, 2), (20, 3, 3), (40, 5, 5), (60, 8, 8)]
 SECOND = [(6, 1, 1), (10, 2, 2), (20, 3, 3)]
 REFERENCE = [(20, 3, 3), (40, 3, 3)]  # crowded at the clamped face
 MEAN = "mean-dilatation"
+ON = "40x5x5"  # the mesh of the table
+CASES = {"5 times": (5, 0.4, 0.01), "20 times": (20, 0.4, 0.01), "100 times": (100, 0.4, 0.01), "20 times, ν = 0.499": (20, 0.499, 0.01),
+         "100 times, end turned by 45°": (100, 0.4, 2.0)}
 KINDS = {"prism": {"cell": "prism"}, "prism, mean dilatation": {"cell": "prism", "element": MEAN},
          "prism, reduced": {"cell": "prism", "element": "reduced"}, "hexahedron": {"cell": "hexahedron"},
          "hexahedron, mean dilatation": {"cell": "hexahedron", "element": MEAN}, "tetrahedron": {"cell": "tetrahedron"},
@@ -58,26 +53,21 @@ def cantilever(slenderness: float, poisson_ratio: float, load: float, cells: tup
     traction = load * 1e6 * SIDE**2 / 12 / length**2
     return read_scene({
         "body": {"length": length, "width": SIDE, "height": SIDE, "cells": list(cells)} | body,
-        "material": {"young_modulus": 1e6, "poisson_ratio": poisson_ratio}, "support": [{"where": "x-min", "fixed": "xyz"}],
+        "material": footing.MATERIAL | {"poisson_ratio": poisson_ratio}, "support": [{"where": "x-min", "fixed": "xyz"}],
         "load": [{"where": "x-max", "traction": [0.0, 0.0, -traction]}], "steps": {"count": 1 if load < 0.1 else STEPS}})
 
 
 def deflection(scene: Scene) -> tuple[float, float]:
     """Mean displacement [m] of the end face along the load, and seconds of the processor."""
-    start = time.process_time()
     if scene.body.order == 2:
-        return second_order(scene), time.process_time() - start
-    solution = solve(scene)
-    seconds = time.process_time() - start
-    if solution.failure:
-        return float("nan"), seconds
-    return face_mean(solution, "x-max")[2], seconds
+        seconds, moved = footing.cost(second_order, scene)
+        return moved, seconds
+    seconds, solution = footing.cost(lambda of: solve(of, partial=True), scene)
+    return float("nan") if solution.failure else face_mean(solution, "x-max")[2], seconds
 
 
 def face_mean(solution, place: str) -> np.ndarray:
     """(3,) displacement [m] at the last step, averaged over the area of a face."""
-    from physics.body.supports import nodal_areas
-
     weight = nodal_areas(solution.mesh, place)
     return weight @ solution.displacement[-1] / weight.sum()
 
@@ -99,7 +89,7 @@ def second_order(scene: Scene, crowding: float = 1.0) -> float:
     inside = {"metadata": {"quadrature_degree": space.degrees[0]}}
     end = ufl.conditional(ufl.gt(ufl.SpatialCoordinate(space.domain)[0], length * (1 - 1e-9)), 1.0, 0.0)
     face = end * v[2] * ufl.ds(metadata={"quadrature_degree": 4})
-    energy = LAWS[scene.material.law](ufl.Identity(3) + ufl.grad(u), lmbda, mu) * ufl.dx(**inside)
+    energy = energy_density(scene.material.law, ufl.Identity(3) + ufl.grad(u), lmbda, mu) * ufl.dx(**inside)
     force = ufl.derivative(energy, u, v)
     stiffness = fem.compile_form(ufl.derivative(force, u, w))
     residual, mean = fem.compile_form(force - traction * face), fem.compile_form(face)
@@ -153,7 +143,7 @@ def cantilevers() -> list[dict]:
                     rows.append({"slenderness": slenderness, "poisson_ratio": poisson_ratio, "load": load, "kind": kind,
                                  "cells": "x".join(map(str, cells)), "error": found / reference - 1, "seconds": seconds,
                                  "reference_m": reference, "reference_error": coarse / reference - 1})
-            print(json.dumps(rows[-1]), file=sys.stderr)
+            footing.say(json.dumps(rows[-1]))
     return rows
 
 
@@ -162,10 +152,7 @@ def press() -> list[dict]:
     found = {}
     for kind in (kind for kind, body in KINDS.items() if "order" not in body):
         for cells in MESHES:
-            scene = read_scene({**PRESS, "body": {**PRESS["body"], "cells": list(cells)} | KINDS[kind], "steps": {"count": 100}})
-            start = time.process_time()
-            solution = solve(scene)
-            seconds = time.process_time() - start
+            seconds, solution = footing.cost(lambda of: solve(of, partial=True), footing.press(cells, 100, **KINDS[kind]))
             if not solution.failure:
                 found[kind, cells] = solution.reaction[-1, 2], face_mean(solution, "x-max"), seconds
     limits = {}
@@ -184,9 +171,6 @@ def press() -> list[dict]:
 
 def draw(rows: list[dict], pressed: list[dict], path: str) -> None:
     """Error against time, four of the cases."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
     panels = {"20 times as long as thick, small load, ν = 0.4": (20, 0.4, 0.01), "the same, ν = 0.499": (20, 0.499, 0.01),
@@ -208,22 +192,22 @@ def draw(rows: list[dict], pressed: list[dict], path: str) -> None:
     figure.savefig(path, dpi=80)
 
 
-def table(rows: list[dict]) -> str:
-    """Rows of a Markdown table."""
-    lines = []
-    for row in rows:
-        lines.append("| " + " | ".join(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()) + " |")
-    return "\n".join(["| " + " | ".join(rows[0]) + " |", "|" + " --- |" * len(rows[0]), *lines])
+def main() -> None:
+    parser = footing.parser(__doc__)
+    parser.add_argument("--picture", help="a .png of error against time")
+    parser.add_argument("--json", type=Path, help="a file for all numbers")
+    options = parser.parse_args()
+    table, beams, pressed = footing.Table(), cantilevers(), press()
+    for kind in (kind for kind, body in KINDS.items() if "order" not in body):
+        own = {(row["slenderness"], row["poisson_ratio"], row["load"]): row["error"] for row in beams
+               if (row["kind"], row["cells"]) == (kind, ON)}
+        own["press"] = next((row["reaction_error"] for row in pressed if (row["kind"], row["cells"]) == (kind, ON)), np.nan)
+        table.add({"element": kind} | {head: f"{100 * own[case]:+.2g} %" for head, case in (CASES | {"press scene": "press"}).items()})
+    if options.json:
+        options.json.write_text(json.dumps({"cantilevers": beams, "press": pressed}, indent=1))
+    if options.picture:
+        draw(beams, pressed, options.picture)
 
 
 if __name__ == "__main__":
-    options = argparse.ArgumentParser()
-    options.add_argument("--picture", help="a .png of error against time")
-    options.add_argument("--json", help="a file for all numbers")
-    chosen = options.parse_args()
-    beams, pressed = cantilevers(), press()
-    print(table(beams), table(pressed), sep="\n\n")
-    if chosen.json:
-        Path(chosen.json).write_text(json.dumps({"cantilevers": beams, "press": pressed}, indent=1))
-    if chosen.picture:
-        draw(beams, pressed, chosen.picture)
+    main()

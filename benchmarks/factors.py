@@ -1,33 +1,21 @@
-"""What the own multifrontal Cholesky factor gains over MUMPS and CHOLMOD: the press scene with each of them, at three sizes.
+"""What the own factors gain over MUMPS and CHOLMOD: the press scene with each of them, at three sizes.
 
-    .venv/bin/python benchmarks/factors.py                      1.5 k, 5 k and 15 k nodes, some minutes
+    .venv/bin/python -m benchmarks.factors           1.5 k, 5 k and 15 k nodes, some minutes
 
-The first steps of the press scene's 400 (benchmarks/equilibrium.py), after the obstacle has touched, set-up left out. All three factor
-the same stiffness, are kept as long and renewed by the same rule, and answer the same questions of contact; only the program differs
-that factors and solves. MUMPS and CHOLMOD are PETSc's, each with its own ordering, and their compliance columns are whole solutions;
-the own factor stops half-way (physics/linalg/columns.py). Processor time of one thread, each run in a process of its own.
+The first steps of the press scene's 400, after the obstacle has touched, set-up left out. All factor the same stiffness, are kept
+and renewed by the same rule, and answer the same questions of contact; only the program differs that factors and solves. MUMPS and
+CHOLMOD are PETSc's, each with its own ordering, and their compliance columns are whole solutions; the own factors stop half-way
+(physics/linalg/columns.py). A factorisation has the stiffness in it. Each run is a process of its own.
 """
-
-import argparse
-import json
-import os
-import subprocess
-import sys
-import time
-from pathlib import Path
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from petsc4py import PETSc
 
-from benchmarks.equilibrium import PRESS
+from benchmarks import footing
 from physics.equilibrium import tangent
 from physics.equilibrium.path import LoadPath
-from physics.linalg.cholesky import DissectionFactor, NotPositiveDefinite
+from physics.linalg.cholesky import BandFactor, DissectionFactor, NotPositiveDefinite, narrowest_order
 from physics.linalg.indefinite import SparseFactor
 from physics.mesh.build import build_mesh
-from physics.scene import read_scene
 
 SIZES = (((40, 5, 5), 60), ((60, 8, 8), 20), ((90, 12, 12), 8))
 
@@ -53,41 +41,35 @@ class Cholmod(SparseFactor):
         self._vectors = self._vectors or matrix.createVecs()
 
 
-KINDS = {"own": DissectionFactor, "MUMPS": SparseFactor, "CHOLMOD": Cholmod}
+KINDS = {"own, multifrontal": DissectionFactor, "own, banded": lambda elasticity: BandFactor(elasticity, *narrowest_order(elasticity)),
+         "MUMPS": SparseFactor, "CHOLMOD": Cholmod}
 
 
 def one(kind: str, cells: list[int], steps: int) -> dict:
     """The first steps with one kind of factor."""
     tangent.solver_for = lambda elasticity, **choice: KINDS[kind](elasticity)
-    scene = read_scene({**PRESS, "body": {**PRESS["body"], "cells": cells}})
-    path = LoadPath(scene, build_mesh(scene.body))
+    path = LoadPath(footing.press(cells), build_mesh(footing.press(cells).body))
     path.advance(1 / 400)
-    start, taken = time.process_time(), 0
-    for step in range(2, steps + 2):
-        taken += path.advance(step / 400).iterations
-    seconds = time.process_time() - start
-    return {"nodes": len(path.balance.mesh.points), "ms": 1e3 * seconds / steps, "iterations": taken, "made": path.newton.factorisations,
-            "largest": float(abs(path.states[-1].u).max())}
+    seconds, taken = footing.cost(lambda: sum(path.advance(step / 400).iterations for step in range(2, steps + 2)))
+    u, factor = path.states[-1].u, path.newton.tangent.solver
+    assert isinstance(factor, type(KINDS[kind](path.balance.elasticity)))
+    force = path.balance.elasticity.force(u)
+    made = path.newton.factorisations
+    return {"nodes": len(u), "ms": 1e3 * seconds / steps, "iterations": taken, "made": made, "largest": float(abs(u).max()),
+            "factor": 1e3 * footing.least(lambda: factor.update(u), 3), "solution": 1e3 * footing.least(lambda: factor.solve(force), 5)}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--one", help="a kind; prints one line of JSON")
-    parser.add_argument("--cells", type=int, nargs=3)
-    parser.add_argument("--steps", type=int)
-    options = parser.parse_args()
-    if options.one:
-        print(json.dumps(one(options.one, options.cells, options.steps)))
-        return
-    print("| nodes | own, ms a step | MUMPS | CHOLMOD | MUMPS over own | CHOLMOD over own |\n" + "| ---: " * 6 + "|")
+    footing.parser(__doc__).parse_args()
+    table = footing.Table()
     for cells, steps in SIZES:
-        rows = {}
-        for kind in KINDS:
-            command = [sys.executable, __file__, "--one", kind, "--cells", *map(str, cells), "--steps", str(steps)]
-            rows[kind] = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-        own, mumps, cholmod = (rows[kind]["ms"] for kind in KINDS)
-        assert max(row["largest"] for row in rows.values()) < min(row["largest"] for row in rows.values()) * (1 + 1e-5)
-        print(f"| {rows['own']['nodes']} | {own:.3g} | {mumps:.3g} | {cholmod:.3g} | {mumps / own:.2g} | {cholmod / own:.2g} |", flush=True)
+        found = {kind: footing.child(one, kind, cells, steps) for kind in KINDS}
+        largest, own = [row["largest"] for row in found.values()], next(iter(found.values()))
+        assert max(largest) < min(largest) * (1 + 1e-5)
+        for kind, row in found.items():
+            table.add({"nodes": row["nodes"], "factor": kind, "ms a step": row["ms"], "over multifrontal": f"{row['ms'] / own['ms']:.2f}",
+                       "a factorisation [ms]": row["factor"], "a solution [ms]": row["solution"], "Newton steps": row["iterations"],
+                       "factorisations": row["made"]})
 
 
 if __name__ == "__main__":

@@ -1,15 +1,10 @@
 """Small wrongs put into the code at random, one at a time: how many do the nearest tests see?
 
     .venv/bin/pip install cosmic-ray==8.7.0
-    .venv/bin/python benchmarks/mutation.py --seed 0 1 --count 300 --workers 2 --out mutants.jsonl
-    .venv/bin/python benchmarks/mutation.py --seed 0 --count 20 physics/equilibrium/newton.py physics/equilibrium/balance.py
+    .venv/bin/python -m benchmarks.mutation --seed 0 1 --count 300 --workers 2 --out mutants.jsonl
+    .venv/bin/python -m benchmarks.mutation --seed 0 --count 20 physics/equilibrium/newton.py physics/equilibrium/balance.py
 
-The wrongs are cosmic-ray's: another arithmetic or comparing operator, a number one more or less, `not`, and/or, True/False,
-break/continue, no sign, a loop without turns, no decorator, another exception. Drawn are places, all equally likely, and then one
-wrong for each; left out are annotations and protocols, the words of messages (`raise` statements and strings), which no test should
-hold, assertions and what else guards the code against itself (zip's strict, dataclasses' frozen), `is` in place of ==, and what
-cosmic-ray cannot write. The tests nearest to a module are the test files named after it and the four that import it and the
-least beside it; where there are neither, those of the modules that import it. Each test file has to pass before; one that does not
+benchmarks/mutants.py says which wrongs there are, and which tests are the nearest. Each test file has to pass before; one that does not
 is left out and said (with --trust they are taken to pass, and to take as long as they are).
 
 Everything happens in copies of the tree in a temporary folder, one for each worker, and nothing of it stays. A wrong counts as
@@ -20,45 +15,29 @@ killed when a test fails or does not end within four times its usual time (a min
 from __future__ import annotations
 
 import argparse
-import ast
 import contextlib
-import difflib
 import json
 import os
-import random
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from queue import Queue
 
-import parso.python.tree  # noqa: F401 -- before cosmic_ray, whose own imports need it complete
-from cosmic_ray.ast import ast_nodes, get_ast
-from cosmic_ray.mutating import mutate_code
-from cosmic_ray.operators.provider import OperatorProvider
 from tqdm import tqdm
 
-PACKAGES = ("physics", "datagen", "learning")
-GUARDS = ("strict", "frozen", "kw_only")  # arguments by which code guards itself, like its assertions
-NEAR, BUDGET = 4, 60.0  # test files, and seconds of them, beside those named after the module
-SETTINGS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg", "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow",
-            "PYTHONNOUSERSITE": "1", "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "HWLOC_HIDE_ERRORS": "2",
-            "OMPI_MCA_plm": "isolated", "OMPI_MCA_btl": "self"}  # as in `run`
+from benchmarks.mutants import PACKAGES, OperatorProvider, Wrong, draw, mutate_code, nearest
 
-
-@dataclass(frozen=True)
-class Wrong:
-    module: str  # path from the root of the tree
-    operator: str
-    occurrence: int
-    line: int
-    change: str  # the lines that differ
+BUDGET = 60.0  # seconds of tests beside those named after the module
+SETTINGS = {"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow", "PYTHONNOUSERSITE": "1", "HWLOC_HIDE_ERRORS": "2",
+            "OMPI_MCA_plm": "isolated", "OMPI_MCA_btl": "self", "OMPI_ALLOW_RUN_AS_ROOT": "1",
+            "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}  # as in `run`
 
 
 @dataclass(frozen=True)
@@ -67,107 +46,6 @@ class Verdict:
     killed: bool
     by: str  # the test that failed, "no end", or "" for a survivor
     seconds: float
-
-
-def places(path: Path) -> dict[tuple[int, int, str], list[tuple[str, int]]]:
-    """Where a module can be made wrong, and how: (line, column, kind) -> [(operator, occurrence)]."""
-    source = path.read_text()
-    silent = list(_silent(ast.parse(source)))
-    tree, operators, found = get_ast(source), OperatorProvider(), {}
-    for name in sorted(operators):
-        if name == "NoOp" or name.startswith("Variable") or name.endswith(("Eq_Is", "NotEq_IsNot")):  # for constants the same
-            continue
-        operator, occurrence = operators[name](), 0
-        kind = name.rsplit("_", 2)[0]  # of ReplaceBinaryOperator_Add_Sub: ReplaceBinaryOperator
-        for node in ast_nodes(tree):
-            for (line, column), _ in operator.mutation_positions(node):
-                if not any(first <= (line, column) < last for first, last in silent):
-                    found.setdefault((line, column, kind), []).append((name, occurrence))
-                occurrence += 1
-    return found
-
-
-def _silent(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """From where to where a module says things that change nothing: annotations, raised messages, strings."""
-    for node in ast.walk(tree):
-        parts: list[ast.AST | None] = [node] if isinstance(node, ast.Raise | ast.JoinedStr | ast.Assert) else []
-        if isinstance(node, ast.AnnAssign | ast.arg):
-            parts = [node.annotation]
-        elif isinstance(node, ast.FunctionDef):
-            parts = [node.returns]
-        elif isinstance(node, ast.keyword) and node.arg in GUARDS:
-            parts = [node.value]
-        elif isinstance(node, ast.ClassDef) and any(isinstance(base, ast.Name) and base.id == "Protocol" for base in node.bases):
-            parts = [node]
-        elif isinstance(node, ast.Assign) and isinstance(node.value, ast.BinOp) and isinstance(node.value.op, ast.BitOr):
-            parts = [node]  # a name for a type, A | B
-        for part in parts:
-            if part is not None:
-                yield (part.lineno, part.col_offset), (part.end_lineno, part.end_col_offset)
-
-
-def draw(root: Path, modules: Sequence[str], count: int, seed: int) -> list[Wrong]:
-    """`count` wrongs at different places of the modules."""
-    everywhere = [(module, *place, ways) for module in modules for place, ways in sorted(places(root / module).items())]
-    chance = random.Random(seed)
-    chance.shuffle(everywhere)
-    wrongs: list[Wrong] = []
-    for module, line, _, _, ways in everywhere:
-        if len(wrongs) == count:
-            break
-        operator, occurrence = chance.choice(ways)
-        source = (root / module).read_text()
-        try:
-            wrong = mutate_code(source, OperatorProvider()[operator](), occurrence)
-        except AttributeError:  # an exception named with its module, as zipfile.BadZipFile: the operator knows bare names only
-            continue
-        change = [text for text in difflib.unified_diff(source.splitlines(), (wrong or source).splitlines(), n=0, lineterm="")][3:]
-        try:
-            same = wrong is None or ast.dump(ast.parse(source)) == ast.dump(ast.parse(wrong))
-        except SyntaxError:
-            continue
-        if not same:
-            wrongs.append(Wrong(module, operator, occurrence, line, "\n".join(change)))
-    return wrongs
-
-
-def imports(path: Path) -> set[str]:
-    """The project's modules that a file imports, as paths: `from physics import fem` names physics/fem.py and physics/fem/__init__.py."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    return {name.replace(".", "/") + end for name in names for end in (".py", "/__init__.py")}
-
-
-def nearest(root: Path) -> dict[str, list[list[str]]]:
-    """Of every module: the test files named after it, and those that import it (or, without both, its importers' tests)."""
-    tests = sorted((root / "tests").glob("test_*.py"))
-    modules = [str(path.relative_to(root)) for package in PACKAGES for path in sorted((root / package).rglob("*.py"))]
-    helpers = {str(path.relative_to(root)): imports(path) for path in (root / "tests").glob("*.py")}
-    taken = {str(path.relative_to(root)): imports(path) for path in tests}
-    for used in taken.values():
-        for helper in used & helpers.keys():
-            used |= helpers[helper]
-    above = {module: imports(root / module) for module in modules}
-    found: dict[str, list[list[str]]] = {}
-    for module in modules:
-        parts = Path(module.removesuffix("/__init__.py")).with_suffix("").parts
-        stems = {f"test_{parts[0]}_{parts[-1]}", "test_" + "_".join(parts)}
-        named = _named(stems, taken) or _named({f"test_{parts[0]}_{part}" for part in parts[1:-1]}, taken)  # or after its room
-        importing = [test for test in taken if module in taken[test] and test not in named]
-        found[module] = [named, sorted(importing, key=lambda test: len(taken[test]))[:NEAR]]
-    for module, (named, importing) in list(found.items()):
-        if not named and not importing:
-            upper = sorted({test for upper in modules if module in above[upper] for group in found[upper] for test in group})
-            found[module] = [[], sorted(upper, key=lambda test: len(taken[test]))[:NEAR]]
-    return found
-
-
-def _named(stems: set[str], tests: Iterable[str]) -> list[str]:
-    return [test for test in tests if any(Path(test).stem == stem or Path(test).stem.startswith(stem + "_") for stem in stems)]
 
 
 def preload() -> None:
@@ -197,7 +75,6 @@ def serve() -> None:
             with log.open("w") as file:
                 os.dup2(file.fileno(), 1)
                 os.dup2(file.fileno(), 2)
-            sys.path.insert(0, os.getcwd())
             import pytest
             os._exit(int(pytest.main(["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--color=no", *tests])))
         status = _wait(child, start + limit)
@@ -233,7 +110,7 @@ class Worker:
         subprocess.run(["git", "init", "-q"], cwd=folder, check=True)
         self.folder = folder
         self.compile(*PACKAGES)
-        self.process = subprocess.Popen([sys.executable, str(Path(__file__).resolve()), "--serve"], cwd=folder, text=True,
+        self.process = subprocess.Popen([sys.executable, "-m", "benchmarks.mutation", "--serve"], cwd=folder, text=True,
                                         env=SETTINGS | os.environ, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
 
     def compile(self, *paths: str) -> None:

@@ -1,31 +1,19 @@
 """What training and prediction cost a network: ours against the same one written plainly, and against the machine.
 
-    .venv/bin/python benchmarks/network.py             the paper's sizes on a mesh of the paper's, about four minutes
-    .venv/bin/python benchmarks/network.py --growth    1.5 k, 4.5 k and 15 k nodes: time and memory of a sample
+    .venv/bin/python -m benchmarks.network             the paper's sizes on a mesh of the paper's, about four minutes
+    .venv/bin/python -m benchmarks.network --growth    1.5 k, 4.5 k and 15 k nodes: time and memory of a sample
 
 "Plain" is the network as its equations read: the inputs of every edge side by side in one product, in float32
-(tests/plain_m4gn.py: the same weights and the same result, which is measured here too). Times are processor time of one
-thread, the least of runs made in turn, of one training sample (forward and backward) and of one prediction. The peak is that of
-the product of two 2048 x 2048 matrices in the same precision and the same run; operations are counted by torch.
+(tests/plain_m4gn.py: the same weights and the same result, which is measured here too). Times are the least of runs made
+in turn, of one training sample (forward and backward) and of one prediction. The peak is that of the product of two 2048 x 2048
+matrices in the same precision and the same run; operations are counted by torch.
 """
 
-from __future__ import annotations
-
-import argparse
 import json
-import os
-import platform
-import resource
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-os.environ["OMP_NUM_THREADS"] = "1"
-sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
 import torch
@@ -33,6 +21,7 @@ from torch import Tensor
 from torch.profiler import ProfilerActivity, profile
 from torch.utils.flop_counter import FlopCounterMode
 
+from benchmarks import footing
 from learning.config import TrainConfig
 from learning.graphs.graph import Graph, join
 from learning.networks.m4gn import M4GN, PRECISIONS, M4GNConfig, products
@@ -77,13 +66,6 @@ def ways(graph: Graph) -> dict[str, tuple[M4GN, Run]]:
     return {"plain": (network, partial(plain_m4gn.forward, network, graph)), **found}
 
 
-def cost(run: Callable[[], Any]) -> float:
-    """Processor time [s]."""
-    start = time.process_time()
-    run()
-    return time.process_time() - start
-
-
 def predict(forward: Run) -> Tensor:
     with torch.inference_mode():
         return forward()
@@ -99,7 +81,7 @@ def learn(forward: Run, network: M4GN, free: Tensor, target: Tensor) -> Tensor:
 def peak(precision: str) -> float:
     """Operations a second in the product of two large matrices."""
     a = torch.randn(2048, 2048, dtype=torch.bfloat16 if precision == "bfloat16" else torch.float32)
-    return 2 * 2048**3 / min(cost(lambda: a @ a) for _ in range(3))
+    return 2 * 2048**3 / footing.least(lambda: a @ a, 3)
 
 
 def versus(repeats: int, size: int) -> dict[str, Any]:
@@ -112,8 +94,8 @@ def versus(repeats: int, size: int) -> dict[str, Any]:
         for way, (network, forward) in found.items():
             with products(network_config(way)):
                 peaks[way] = max(peaks.get(way, 0.0), peak(way))
-                times[way]["predict"].append(cost(partial(predict, forward)))
-                times[way]["learn"].append(cost(partial(learn, forward, network, free, target)))
+                times[way]["predict"].append(footing.cost(predict, forward)[0])
+                times[way]["learn"].append(footing.cost(learn, forward, network, free, target)[0])
     rows: dict[str, dict[str, Any]] = {}
     exact: list[Tensor] = []
     for way, (network, forward) in found.items():
@@ -128,7 +110,7 @@ def versus(repeats: int, size: int) -> dict[str, Any]:
                         f"{kind}_error": relative(result, right), f"{kind}_share": counted(run) / seconds / peaks[way]}
             rows[way] = {**row, "where": where(runs["learn"])}
     return {"nodes": len(graph.node) // size, "edges": len(graph.mesh_edge) // size, "contact_edges": len(graph.contact_edge) // size,
-            "batch": size, "torch": torch.__version__, "processor": processor(), "rows": rows}
+            "batch": size, "torch": torch.__version__, "rows": rows}
 
 
 def network_config(way: str) -> M4GNConfig:
@@ -156,68 +138,45 @@ def where(run: Run) -> dict[str, float]:
     return {**shares, "the rest": 1 - sum(shares.values())}
 
 
-def growth() -> dict[str, Any]:
-    """Time and memory of one sample against the size of the mesh, each size in a process of its own, and the fitted exponent."""
-    rows = [json.loads(subprocess.run([sys.executable, __file__, "--one", name], capture_output=True, text=True, check=True).stdout)
-            for name in CELLS]
-    logs = np.log([[row["nodes"], row["learn_ms"], row["predict_ms"]] for row in rows])
-    return {"rows": rows, "exponent_learn": float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0]),
-            "exponent_predict": float(np.polyfit(logs[:, 0], logs[:, 2], 1)[0])}
-
-
 def one(name: str) -> dict[str, Any]:
     """One size of the mesh, in "medium" precision."""
+    keep_freed_memory()
     graph, free, target = batch_of(CELLS[name], 1)
     network = network_in("medium")
     with products(network_config("medium")):
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        second = min(cost(lambda: learn(lambda: network(graph), network, free, target)) for _ in range(3))
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-        first = min(cost(lambda: predict(lambda: network(graph))) for _ in range(3))
-    return {"nodes": len(graph.node), "edges": len(graph.mesh_edge), "predict_ms": 1e3 * first, "learn_ms": 1e3 * second,
-            "memory_mb": memory / 1024}
-
-
-def processor() -> str:
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            return line.split(":")[1].strip()
-    return platform.machine()
+        before = footing.peak_memory()
+        second = footing.least(partial(learn, partial(network, graph), network, free, target), 3)
+        memory = footing.peak_memory() - before
+        first = footing.least(partial(predict, partial(network, graph)), 3)
+    return {"nodes": len(graph.node), "mesh edges": len(graph.mesh_edge), "training [ms]": 1e3 * second, "prediction [ms]": 1e3 * first,
+            "memory of a training sample [MB]": round(memory)}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = footing.parser(__doc__)
     parser.add_argument("--growth", action="store_true")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--batch", type=int, default=2)
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--one", choices=CELLS, help=argparse.SUPPRESS)
+    parser.add_argument("--json", type=Path, help="a file for all numbers")
     asked = parser.parse_args()
-    torch.set_num_threads(1)
-    keep_freed_memory()
-    if asked.one:
-        print(json.dumps(one(asked.one)))
+    table = footing.Table()
+    if asked.growth:
+        for name in CELLS:
+            table.add(footing.child(one, name))
+        table.fit("training [ms]", "prediction [ms]")
         return
-    found = growth() if asked.growth else versus(asked.repeats, asked.batch)
+    keep_freed_memory()
+    found = versus(asked.repeats, asked.batch)
+    footing.say(", ".join(f"{name} {value}" for name, value in found.items() if name != "rows"))
+    for way, row in found["rows"].items():
+        table.add({"": way, "prediction [ms]": f"{row['predict_ms']:.0f}", "prediction, against plain": f"{row['predict_ratio']:.1f}",
+                   "training [ms a sample]": f"{row['learn_ms']:.0f}", "training, against plain": f"{row['learn_ratio']:.1f}",
+                   "difference of result, of gradient": f"{row['predict_error']:.0e}, {row['learn_error']:.0e}",
+                   "share of peak, prediction, training":
+                       f"{row['predict_share']:.0%}, {row['learn_share']:.0%} of {row['peak_gflops']:.0f} GFLOP/s"})
+        footing.say(f"{way}: " + ", ".join(f"{part} {share:.0%}" for part, share in row["where"].items()))
     if asked.json:
-        print(json.dumps(found))
-    elif asked.growth:
-        print("| nodes | mesh edges | training, ms | prediction, ms | memory of a training sample, MB |\n|---:|---:|---:|---:|---:|")
-        for row in found["rows"]:
-            print(f"| {row['nodes']} | {row['edges']} | {row['learn_ms']:.0f} | {row['predict_ms']:.0f} | {row['memory_mb']:.0f} |")
-        print(f"\nexponent of the nodes: training {found['exponent_learn']:.2f}, prediction {found['exponent_predict']:.2f}")
-    else:
-        print(f"{found['nodes']} nodes, {found['edges']} mesh edges, {found['contact_edges']} contact edges, batch {found['batch']}, "
-              f"torch {found['torch']}, {found['processor']}, one thread\n")
-        print("| | prediction, ms | against plain | training, ms a sample | against plain | difference of result, of gradient "
-              "| share of peak, prediction, training |\n|---|---:|---:|---:|---:|---:|---:|")
-        for way, row in found["rows"].items():
-            print(f"| {way} | {row['predict_ms']:.0f} | {row['predict_ratio']:.1f} | {row['learn_ms']:.0f} | {row['learn_ratio']:.1f} | "
-                  f"{row['predict_error']:.0e}, {row['learn_error']:.0e} | "
-                  f"{row['predict_share']:.0%}, {row['learn_share']:.0%} of {row['peak_gflops']:.0f} GFLOP/s |")
-        for way, row in found["rows"].items():
-            print(f"\n{way}: " + ", ".join(f"{part} {share:.0%}" for part, share in row["where"].items()), end="")
-        print()
+        asked.json.write_text(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

@@ -1,23 +1,16 @@
 """Ways to predict, trained alike: the same beams, the same network, the same seconds on one core.
 
-    .venv/bin/python benchmarks/schemes.py --data DIR --seconds 120                       all of them
-    .venv/bin/python benchmarks/schemes.py --data DIR --seconds 120 --scheme step pose+estimate
+    .venv/bin/python -m benchmarks.schemes --data DIR --seconds 120                       all of them
+    .venv/bin/python -m benchmarks.schemes --data DIR --seconds 120 --scheme step pose+estimate
 
-Estimates are made before the clock of a training starts, as segments are; what they cost stands beside ("ms" a frame).
+Estimates are made before the clock of a training starts, as segments are.
 """
 
-import argparse
-import json
-import os
-import sys
 import tempfile
 from dataclasses import replace
-from pathlib import Path
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
-from benchmarks.accuracy import table
+from benchmarks import footing
+from benchmarks.accuracy import ERRORS, means
 from datagen.sets.dataset import files
 from learning.config import TrainConfig
 from learning.networks.m4gn import M4GNConfig
@@ -36,7 +29,7 @@ SCHEMES = {
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = footing.parser(__doc__)
     parser.add_argument("--data", required=True)
     parser.add_argument("--scheme", nargs="*", choices=SCHEMES, default=list(SCHEMES))
     parser.add_argument("--beams", type=int, default=40)
@@ -44,13 +37,17 @@ def main():
     parser.add_argument("--seconds", type=float, default=120.0)
     options = parser.parse_args()
     paths, tests = files(options.data, "train")[:options.beams], files(options.data, "test")[:options.tests]
+    table, rest = footing.Table(), {}
     for name in options.scheme:
         with tempfile.TemporaryDirectory() as folder:
             config = replace(BASE, **SCHEMES[name], budget_seconds=options.seconds)
             trained = train(config, paths, [], folder)
-            rows, _ = table(load_model(folder), tests, every=8)
-        print(json.dumps({"scheme": name, "seconds": trained["seconds"], "steps": trained["steps"],
-                          "samples": trained["steps"] * config.batch_size, "frames": trained["samples"], "m": rows}), flush=True)
+            rows = means(load_model(folder), tests, every=8)
+        table.add({"scheme": name, "seconds": round(trained["seconds"]), "samples": trained["steps"] * config.batch_size}
+                  | {f"{error} [m]": f"{rows['network'][error]:.1e}" for error in ERRORS})
+        rest |= {name: row for name, row in rows.items() if name != "network"}
+    for name in sorted(rest):
+        table.add({"scheme": name} | {f"{error} [m]": f"{rest[name][error]:.1e}" for error in ERRORS})
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """A trained network on scenes unlike those it was trained on: error, drift, cells turned inside out.
 
-    .venv/bin/python benchmarks/stability.py RUN --data DIR                       scenes of the test split, changed
-    .venv/bin/python benchmarks/stability.py RUN --data DIR --case large long
+    .venv/bin/python -m benchmarks.stability RUN --data DIR                       scenes of the test split, changed
+    .venv/bin/python -m benchmarks.stability RUN --data DIR --case large long
 
 Each changed scene is solved by finite elements here, and the rollout is held against that at about FRAMES frames:
 
@@ -13,23 +13,15 @@ Each changed scene is solved by finite elements here, and the rollout is held ag
     long                2000 steps
     disturbed           (scheme "step") free nodes start from noise of 1e-3 m; a pose has no start
 
-drift: root mean square error of the last tenth of the frames over that of the tenth in the middle.
+Means over the scenes, but the largest of "largest" and of "inverted cells".
 """
 
-import argparse
-import json
-import os
-import sys
 import tomllib
 from dataclasses import replace
-from pathlib import Path
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
-import torch
 
+from benchmarks import footing
 from datagen.family.family import draw, load_family
 from datagen.files.trajectory import read_trajectory
 from datagen.sets.dataset import files
@@ -38,11 +30,10 @@ from learning.prediction.checkpoint import load_model
 from learning.prediction.rollout import walk
 from learning.samples.samples import build_example
 from physics.fem import release
-from physics.mesh.quality import inverted_cells, rmse, smallest_det_f
+from physics.mesh.quality import inverted_cells, rmse
 from physics.scene import read_scene
 from physics.solution import solve
 
-torch.set_num_threads(1)
 FRAMES = 50
 
 
@@ -74,22 +65,19 @@ def measured(model, trajectory, disturbed=False):
     case = build_example(blind, model.config, targets=frames if model.config.scheme == "pose" else None)
     path = walk(model, case, start=start)
     error = np.array([rmse(path[frame], truth[frame], free) for frame in frames])
-    middle, end = np.array_split(error, 10)[5], np.array_split(error, 10)[-1]
-    found = {"rmse_all": float(np.sqrt(np.mean(error**2))), "largest": float(error.max()),
-             "drift": float(np.sqrt(np.mean(end**2)) / max(np.sqrt(np.mean(middle**2)), 1e-12)),
-             "nothing_moves": rmse(0 * truth[frames], truth[frames], free)}
+    middle, end = (np.sqrt(np.mean(np.array_split(error, 10)[part] ** 2)) for part in (5, -1))
+    footing.say(f"drift, root mean square error of the last tenth of the frames over that of the sixth: {end / max(middle, 1e-12):.2g}")
+    alone, mesh = np.nan, trajectory.mesh
     if case.estimate is not None:
-        rows = np.searchsorted(case.estimate.frames, frames)
-        found["estimate_alone"] = rmse(case.estimate.displacement[rows], truth[frames], free)
-    mesh = trajectory.mesh
-    found["inverted_cells"] = int(inverted_cells(mesh.points, path[frames][:, body], mesh.cells, mesh.cell).max())
-    found["smallest_det_f"] = float(smallest_det_f(mesh.points, path[frames][:, body], mesh.cells, mesh.cell).min())
-    return found
+        alone = rmse(case.estimate.displacement[np.searchsorted(case.estimate.frames, frames)], truth[frames], free)
+    return {"RMSE-all [m]": np.sqrt(np.mean(error**2)), "estimate alone [m]": alone,
+            "nothing moves [m]": rmse(0 * truth[frames], truth[frames], free), "largest [m]": error.max(),
+            "inverted cells": inverted_cells(mesh.points, path[frames][:, body], mesh.cells, mesh.cell).max()}
 
 
 def main():
     names = ["as drawn", "never touches", "leaves again", "coarse", "fine", "large", "long", "disturbed"]
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = footing.parser(__doc__)
     parser.add_argument("run")
     parser.add_argument("--data", required=True)
     parser.add_argument("--count", type=int, default=3)
@@ -97,22 +85,23 @@ def main():
     options = parser.parse_args()
     model = load_model(options.run)
     scenes = [read_scene(tomllib.loads(read_trajectory(path).scene)) for path in files(options.data, "test")[:options.count]]
-    large = load_family("beam-large")
+    large, table = load_family("beam-large"), footing.Table()
     for case in options.case:
         if case == "disturbed" and model.config.scheme == "pose":
             continue
         found = []
         for i, scene in enumerate(scenes):
             wanted = draw(large, 0, i) if case == "large" else changed(scene, case)
-            solution = solve(wanted)
+            solution = solve(wanted, partial=True)
             if solution.failure:
-                print(json.dumps({"case": case, "left out": solution.failure}), flush=True)
+                footing.say(f"{case}: left out, {solution.failure}")
                 continue
             found.append(measured(model, trajectory_of(wanted, solution=solution), case == "disturbed"))
             release()
-        gather = {"largest": max, "inverted_cells": max, "smallest_det_f": min}
-        print(json.dumps({"case": case, "scenes": len(found)} | {key: float(gather.get(key, np.mean)([each[key] for each in found]))
-                                                                 for key in (found[0] if found else {})}), flush=True)
+        largest = ("largest [m]", "inverted cells")
+        worst = {head: (max if head in largest else np.mean)([each[head] for each in found]) for head in (found[0] if found else {})}
+        table.add({"case": case, "scenes": len(found)} | {head: None if np.isnan(value) else str(value) if head == "inverted cells"
+                                                          else f"{value:.1e}" for head, value in worst.items()})
 
 
 if __name__ == "__main__":

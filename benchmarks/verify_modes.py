@@ -1,35 +1,33 @@
 """The table of modes in docs/verification.md: computed values beside exact or published ones.
 
-    .venv/bin/python benchmarks/verify_modes.py
+    .venv/bin/python -m benchmarks.verify_modes
 """
 
-from __future__ import annotations
-
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
-
+from benchmarks import footing
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.modes.elastic import elastic_modes
 from physics.modes.laplacian import laplacian_modes
 from physics.scene import read_scene
 from tests import test_physics_laplacian as laplacian
-from tests import test_physics_modes as elastic
-
-
-def row(what: str, mesh: str, reference: list[float], found: list[float], residual: float) -> None:
-    worst = max(abs(np.array(found) / np.array(reference) - 1))
-    print(f"| {what} | {mesh} | {', '.join(f'{x:.6g}' for x in reference)} | {', '.join(f'{x:.6g}' for x in found)} "
-          f"| {100 * worst:.2g} % | {residual:.0e} |", flush=True)
+from tests import test_physics_modes_elastic as elastic
 
 
 def main() -> None:
-    print("| case | mesh | reference | found | largest difference | largest residual |\n|---|---|---|---|---|---|")
+    footing.parser(__doc__).parse_args()
+    table = footing.Table()
+
+    def row(what: str, mesh: str, reference: list[float], found: list[float], residual: float) -> None:
+        table.add({"case": what, "mesh": mesh, "reference": ", ".join(f"{x:.6g}" for x in reference),
+                   "found": ", ".join(f"{x:.6g}" for x in found),
+                   "largest difference": f"{100 * max(abs(np.array(found) / np.array(reference) - 1)):.2g} %",
+                   "largest residual": f"{residual:.0e}"})
+
     modes = elastic_modes(elastic.plate_on_edges([4, 4, 1]), count=10)
     row("NAFEMS FV52, its solid reference [Hz]", "4 x 4 x 1 hexahedra, order 2",
         [44.762, 110.52, 110.52, 169.08, 193.93, 206.64, 206.64],

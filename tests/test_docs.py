@@ -1,6 +1,6 @@
 """README.md and docs/: links lead somewhere, files and commands that they name exist, and every public name is listed."""
 
-import importlib
+import importlib.util
 import re
 import shlex
 import tomllib
@@ -73,21 +73,14 @@ def test_a_command_is_one_that_there_is(command):
     elif words[0] == "./run":
         assert fidelity._parser().parse_args(words[1:]).verb == words[1]
     elif words[1] == "-m":
-        importlib.import_module(words[2])
+        found = importlib.util.find_spec(words[2])  # not imported: what the mutation run needs may be missing
+        assert found is not None and found.origin is not None
+        if words[2].startswith("benchmarks."):
+            source = Path(found.origin).read_text()
+            assert all(f'"{word}"' in source for word in words if word.startswith("--")), command
     else:
         source = (ROOT / words[1]).read_text()
         assert all(f'"{word}"' in source for word in words if word.startswith("--")), command
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_generated_tables_stand_between_markers(page):
-    """So that a command can write them anew: the first marker names it, and between the two there is one table and nothing else."""
-    text = page.read_text()
-    found = re.findall(r"^<!-- made by: [^\n]+ -->\n(.*?)\n<!-- end -->$", text, re.DOTALL | re.MULTILINE)
-    assert len(found) == text.count("\n<!-- made by:") == text.count("\n<!-- end -->")
-    for table in found:
-        widths = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
-        assert len(widths) == 1 and all(line.startswith("|") and line.endswith("|") for line in table.splitlines())
 
 
 @pytest.mark.parametrize("package", ("physics", "datagen", "learning"))

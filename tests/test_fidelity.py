@@ -3,6 +3,7 @@
 import argparse
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -153,14 +154,34 @@ def test_pictures_of_modes_are_named_by_value_and_unit(monkeypatch, capsys, tmp_
     given = []
     monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
     monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
-    monkeypatch.setattr("physics.view.mode_pictures", lambda folder, mesh, shapes, names: given.append((folder, names)) or ["a", "b"])
+    monkeypatch.setattr("physics.view.mode_pictures", lambda folder, mesh, shapes, names, films, say:
+                        given.append((folder, names)) or say(f"films {films}") or ["a", "b"])
     status, out, _ = called(capsys, "modes", "s.toml", "--picture", tmp_path / "p")
-    assert status == 0 and out.endswith(f"2 pictures: {tmp_path / 'p'}\n")
+    assert status == 0 and out.endswith(f"films True\n2 pictures: {tmp_path / 'p'}\n")
     assert json.loads(called(capsys, "modes", "s.toml", "--picture", tmp_path / "p", "--kind", "laplacian", "--json")[1])["pictures"] == [
         "a",
         "b",
     ]
     assert given == [(tmp_path / "p", ["f = 10 Hz", "f = 25.5 Hz"]), (tmp_path / "p", ["lambda = 3 1/m2", "lambda = 4.5 1/m2"])]
+
+
+def test_modes_are_written_as_a_page(monkeypatch, capsys, tmp_path):
+    given = []
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
+    monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
+    monkeypatch.setattr("physics.view.write_page", lambda path, title, shown, facts: given.append((path, title, shown, facts)))
+    page = tmp_path / "m.html"
+    assert called(capsys, "modes", "s.toml", "--html", page)[1].endswith(f"\npage: {page}\n")
+    assert json.loads(called(capsys, "modes", "s.toml", "--kind", "laplacian", "--html", page, "--json")[1])["html"] == str(page)
+    (path, title, (shown,), facts), (_, second, (flat,), _) = given
+    assert (path, title, second) == (page, "Elastic modes of s.toml", "Laplacian modes of s.toml")
+    assert list(shown.motions) == ["mode 1: f = 10 Hz", "mode 2: f = 25.5 Hz"] and facts["mesh"] == "8 nodes, 1 cell"
+    assert facts["remarks"] == "nothing of note"
+    # the largest displacement, of the last node, is a sixth of the 30 mm length
+    assert np.linalg.norm(shown.motions["mode 2: f = 25.5 Hz"].displacement, axis=2).max() == pytest.approx(0.005)
+    assert flat.motions["mode 1: lambda = 3 1/m2"].fields["value [of the largest]"].max() == 1
+    assert called(capsys, "modes", "s.toml", "--html", tmp_path / "m.htm") == (
+        2, "", f"fidelity: --html {tmp_path / 'm.htm'}: the name must end in .html\n")
 
 
 def test_elastic_modes_want_a_scene_and_no_held_places(capsys, tmp_path):
@@ -199,9 +220,10 @@ def solved(monkeypatch, tmp_path):
         smallest_det_f=np.array([1, 0.9, 0.75, 0.8, 0.95]),
         reaction=np.array([[9.0, 0, 0], [0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]]),
         linear_steps=2,
+        mesh=SimpleNamespace(remarks=()),
     )
     monkeypatch.setattr("physics.solution.solve", lambda scene, **how: solution)
-    made = SimpleNamespace(extra={"model": {"inertia": "left out"}})
+    made = SimpleNamespace(extra={"model": {"inertia": "left out"}}, per_frame={"obstacle": np.arange(15.0).reshape(5, 3)})
     monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: made)
     written = []
     monkeypatch.setattr("datagen.files.trajectory.write_trajectory", lambda path, trajectory: written.append(path))
@@ -215,7 +237,8 @@ def test_a_simulation_is_told_by_its_extremes_and_sums(solved, capsys):
     result = json.loads(called(capsys, "simulate", solved.scene, "--out", solved.out, "--json")[1])
     assert result == {"steps": 4, "ms_per_step": 500.0, "newton_iterations": 11, "factorisations": 6, "largest_relative_residual": 5e-7,
                       "largest_penetration": 3e-5, "smallest_det_f": 0.75, "reaction": [[0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]],
-                      "model": {"inertia": "left out"}, "linear_steps": 2, "seconds": 2.0, "resumed_after_step": 0}
+                      "obstacle": np.arange(3.0, 15.0).reshape(4, 3).tolist(),
+                      "model": {"inertia": "left out"}, "linear_steps": 2, "seconds": 2.0, "resumed_after_step": 0, "remarks": []}
     assert solved.written == [solved.out] and not solved.part.exists()  # the journal of a whole run is not needed any more
     assert called(capsys, "simulate", solved.scene, "--out", solved.out) == (
         0, f"4 steps in 2.00 s, 11 Newton steps, 6 factorisations, largest reaction 50.5 N: {solved.out}\n  inertia: left out\n", "")
@@ -229,6 +252,33 @@ def test_a_simulation_that_fails_says_what_is_kept_and_keeps_its_journal(solved,
         f"fidelity: no equilibrium at step 5; the 4 steps before it are in {solved.out}; the same call tries again from there, without "
         "t.vtkhdf.part from the start\n")
     assert solved.part.exists() and solved.written == [solved.out]
+
+
+def test_a_simulation_is_written_as_a_page_also_when_it_ends_early(solved, monkeypatch, capsys, tmp_path):
+    page, path = tmp_path / "t.html", bending(cells=(4, 1, 1), steps=3)
+    made = replace(path, extra={"model": {"inertia": "left out"}}, scene=beam().to_toml())
+    monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: made)
+    result = json.loads(called(capsys, "simulate", solved.scene, "--out", solved.out, "--html", page, "--json")[1])
+    assert result["html"] == str(page)
+    text = page.read_text()
+    assert "<h1>The path of s.toml</h1>" in text
+    assert "<dt>steps</dt><dd>3 of 20</dd>" in text and "<dt>inertia</dt><dd>left out</dd>" in text
+    # By beam theory, pressed by 19 mm at 70 of 100 mm, the tip goes 19 (300 - 70) / 140 = 31.21 mm down and 10 * 19 * 3 / 140 aside.
+    assert "<td>31.48</td>" in text
+    page.unlink()
+    solved.solution.failure = "no equilibrium at step 4"
+    assert called(capsys, "simulate", solved.scene, "--out", solved.out, "--html", page)[0] == 1 and page.exists()
+
+
+def test_a_trajectory_is_viewed_as_a_page_too(capsys, tmp_path):
+    """One without a scene, as an imported one is, has no stress."""
+    for scene, stress in (("", 0), (beam().to_toml(), 2)):  # of the frame that was reached, by its number and the rest state's
+        write_trajectory(tmp_path / "t.vtkhdf", replace(bending(cells=(4, 1, 1), steps=1), scene=scene))
+        page = tmp_path / "t.html"
+        assert called(capsys, "view", tmp_path / "t.vtkhdf", "--out", page) == (0, f"page: {page}\n", "")
+        table = page.read_text().split("<table>")[1].split("</table>")[0]
+        assert table.count("largest displacement [mm]") == 1 and ("von Mises" in table) == bool(stress)
+        assert table.count("<td>31.48</td>") == 1 and table.count("<td>") == 2 + stress
 
 
 def test_simulate_takes_solid_bodies_of_first_order(capsys, tmp_path):
@@ -248,10 +298,12 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
         "datagen.sets.generate.generate", lambda family, wanted, out, **how: given.update(how, all=(family, wanted, out)) or {"new": 3}
     )
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d") == (0, f"new 3: {tmp_path / 'd'}\n", "")
-    assert given == {"all": ("beam", (None, None), tmp_path / "d"), "seed": 0, "workers": None, "cluster": "", "time_limit": float("inf")}
+    assert given == {"all": ("beam", (None, None), tmp_path / "d"), "seed": 0, "workers": None, "cluster": "", "tls": (),
+                     "time_limit": float("inf")}
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d", "--count", "4", "--split", "test", "--seed", "9", "--workers", "2",
-                  "--cluster", "tcp://x", "--time-limit", "1.5")[0] == 0
-    assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tcp://x", "time_limit": 1.5}
+                  "--cluster", "tls://x", "--tls", "ca", "cert", "key", "--time-limit", "1.5")[0] == 0
+    assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tls://x",
+                     "tls": ["ca", "cert", "key"], "time_limit": 1.5}
     monkeypatch.setattr("datagen.sets.plan.planned",
                         lambda family, wanted, seed: {"count": 3, "nodes": {"mean": 81.5, "min": 60.0}, "of": seed})
     assert called(capsys, "generate", "beam", "--dry-run", "--seed", "5")[1].splitlines() == [
@@ -260,14 +312,12 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert status == 2 and "--out: give the folder, or --dry-run" in err
 
 
-def test_verify_prints_its_figures_with_six_digits(monkeypatch, capsys, tmp_path):
+def test_verify_prints_the_lines_of_what_it_found(monkeypatch, capsys, tmp_path):
     given = []
-    monkeypatch.setattr(
-        "datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.23456789e-4, "mc": 2.0}
-    )
-    assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1].splitlines() == [
-        "rmse_all             0.000123457", "mc                   2"]
-    assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmse_all": 1.23456789e-4, "mc": 2.0}
+    monkeypatch.setattr("datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.25e-4})
+    monkeypatch.setattr("datagen.files.prediction.lines", lambda result: [f"error {result['rmse_all']}", "verdict"])
+    assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1] == "error 0.000125\nverdict\n"
+    assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmse_all": 1.25e-4}
     assert given == [("p", "r", tmp_path / "o"), ("p", "r", None)]
 
 
@@ -282,7 +332,21 @@ def test_a_film_lies_beside_its_trajectory_and_shows_the_body_and_its_obstacle(m
     _, mesh, u, obstacle = given[0]
     assert np.array_equal(u, trajectory.displacement[:, trajectory.body]) and len(mesh.points) == 99
     assert np.array_equal(obstacle.points, trajectory.obstacle[0]) and np.array_equal(obstacle.triangles, trajectory.obstacle[1])
-    assert called(capsys, "view", tmp_path / "t.vtkhdf", "--out", tmp_path / "x.png")[0] == 2
+    assert called(capsys, "view", tmp_path / "none.vtkhdf", "--out", tmp_path / "x.avi") == (  # before anything is read
+        2, "", f"fidelity: --out {tmp_path / 'x.avi'}: the name must end in .gif or .png or .html\n")
+
+
+def test_one_frame_is_a_picture_the_last_one_unless_another_is_named(capsys, tmp_path):
+    write_trajectory(tmp_path / "t.vtkhdf", bending(steps=3))
+    view = ("view", tmp_path / "t.vtkhdf", "--out", tmp_path / "x.png")
+    assert called(capsys, *view)[1] == f"frame 3 of 3: {tmp_path / 'x.png'}\n"
+    last = (tmp_path / "x.png").read_bytes()
+    assert json.loads(called(capsys, *view, "--frame", "1", "--json")[1]) == {"frame": 1, "out": str(tmp_path / "x.png")}
+    assert (tmp_path / "x.png").read_bytes() != last
+    assert "--frame 4: the last one is 3" in called(capsys, *view, "--frame", "4")[2]
+    assert "--frame 1: is for a picture" in called(capsys, "view", tmp_path / "t.vtkhdf", "--frame", "1")[2]
+    called(capsys, *view)
+    assert (tmp_path / "x.png").read_bytes() == last
 
 
 # processes

@@ -1,6 +1,7 @@
 """The demonstration, whole on a family of three small beams, and what it says of each of its steps, word by word."""
 
 import re
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from datagen.sets.dataset import read_manifest
 from learning import demo
 from learning.config import TrainConfig, load_config
 from physics.schema import read_table
+from tests.chromium import MISSING, PROGRAM, Chromium
 
 FAMILY = """
 name = "small"
@@ -170,6 +172,32 @@ def test_a_training_goes_on_only_where_there_is_a_checkpoint(monkeypatch, tmp_pa
         (tmp_path / "run" / "last.safetensors").touch()
     said, calls = parts(monkeypatch, tmp_path, None)
     assert calls["how"] == {"resume": kept} and f"validation error none, every rollout blew up: {tmp_path / 'run'}" in said[10]
+
+
+@pytest.mark.skipif(PROGRAM is None, reason=MISSING)
+def test_the_report_is_turned_and_followed_by_hand_in_a_browser(small):
+    """Drag, scrub and read pixels back: both bodies turn, and the network's errors are coloured where the truth has none."""
+    browser = Chromium()
+    try:
+        browser.open(small.folder / "report" / "report.html")
+        assert not [message for message in browser.said if message["method"] == "Runtime.exceptionThrown"]
+        names = browser.run("[...document.querySelectorAll('.left option')].map(option => option.text)")
+        assert {"M4GN", "M4GN, 1 Newton step", "nothing moves", "FE, cells halved", "FE, the reference"} <= set(names)
+        assert browser.run("document.querySelectorAll('.exhibit option').length") == 2  # the trajectory, and its worst frame
+        left, top, width, height = browser.box("canvas")
+        pictures = [browser.pixels("canvas")]
+        browser.drag((left + width / 4, top + height / 2), (left + width / 4 + 90, top + height / 2 + 50))
+        pictures.append(browser.pixels("canvas"))
+        browser.run("document.querySelector('.track input').focus()")
+        browser.press("Home")
+        pictures.append(browser.pixels("canvas"))
+        for before, after in pairwise(pictures):
+            for half in (slice(None, before.shape[1] // 2), slice(before.shape[1] // 2, None)):
+                assert (before[:, half] != after[:, half]).any(axis=2).mean() > 0.01
+        said = browser.run("document.querySelector('.said').textContent")
+        assert said == "step 0 of 6: largest error 0 mm (M4GN), 0 mm (FE, the reference)"
+    finally:
+        browser.close()
 
 
 @pytest.mark.slow

@@ -149,6 +149,30 @@ def test_the_worst_frame_of_each_network_is_kept():
     assert np.array_equal(found.frames[2].displacement, shifted(cases()[1], 1, 5, 2, 0)[2])
 
 
+def test_the_paths_of_all_are_kept_of_the_trajectory_that_a_network_is_worst_on(monkeypatch):
+    """Off by 1 in the first case and 2 in the second, or the other way round; what is not learned does not count."""
+    def learned(*factors):
+        return Predictor("M4GN", "learned", lambda case: Prediction(
+            path=shifted(case, *[factors[case.name == "deep"]] * 4), seconds=1.0))
+
+    rival = Predictor("FE", "fe", lambda case: Prediction(path=shifted(case, *[9 if case.name == "shallow" else 5] * 4), seconds=1.0))
+    for factors, number in (((1, 2), 1), ((2, 1), 0)):
+        hardest = run(rival, learned(*factors), of=cases()).hardest
+        assert hardest.case is cases()[number] and list(hardest.paths) == ["FE", "M4GN"] and hardest.error == pytest.approx(1e-4, rel=1e-5)
+        assert hardest.paths["M4GN"].dtype == np.float32
+        assert np.array_equal(hardest.paths["M4GN"], shifted(cases()[number], 2, 2, 2, 2).astype(np.float32))
+    assert run(rival, of=cases()).hardest.case is cases()[0]  # without a network any counts
+    assert run(of=cases()).hardest is None
+
+
+def test_a_path_beyond_all_numbers_is_the_worst_of_all():
+    def predict(case):
+        return Prediction(path=shifted(case) * (1e45 if case.name == "deep" else 1.0), seconds=1.0)
+
+    found = run(Predictor("M4GN", "learned", predict), of=cases())
+    assert found.hardest.case is cases()[1] and found.hardest.error > 1e40 and np.isinf(found.hardest.paths["M4GN"]).any()
+
+
 def test_who_cannot_do_one_case_has_no_row_and_a_note_says_why():
     def predict(case):
         if case.name == "deep":

@@ -200,6 +200,26 @@ def test_labels_cover_neither_each_other_nor_points_nor_the_edge_even_in_a_crowd
             assert all(gap(box, beside) >= 0 for other, beside in found.items() if other != name)
 
 
+def heap(count: int) -> list[Row]:
+    """Predictors all in one place, in the middle of four others, with names of 40 letters and one of 90."""
+    spots = [(1.0 + 1e-3 * i, 0.1) for i in range(count)] + [(0.01, 7), (100, 7), (0.01, 0.003), (100, 0.003)]
+    names = [f"predictor {i:2d} with a name of forty letters" for i in range(len(spots))]
+    return [row("x" * 90 if i == 1 else name, "fe", ms, 1e-3 * mm) for i, (name, (ms, mm)) in enumerate(zip(names, spots, strict=True))]
+
+
+@pytest.mark.parametrize("count", [2, 30])
+def test_no_two_labels_ever_lie_over_each_other_not_even_of_points_in_one_place(count):
+    """The picture grows until there is room; a name that no picture has room for is cut."""
+    axes = drawn(heap(count))
+    found = list(boxes(axes).items())
+    assert len(found) == len(axes.texts) == count + 4 and found[1][0] == 47 * "x" + "…"
+    inside = axes.get_window_extent().padded(2).extents
+    for i, (name, box) in enumerate(found):
+        assert inside[0] <= box[0] and box[2] <= inside[2] and inside[1] <= box[1] and box[3] <= inside[3], name
+        assert all(gap(box, other) >= 2 for _, other in found[:i]), name
+    assert axes.figure.get_figheight() == pytest.approx(6.2) or count > 20
+
+
 def test_a_label_stands_as_near_to_its_point_as_it_can_and_a_far_one_has_a_line_to_it():
     axes = drawn(rows()[:2])
     for note in axes.texts:  # two points far apart: up right, 8 points away, no line
@@ -214,14 +234,24 @@ def test_a_label_is_put_beside_its_point_not_over_it():
         assert across == ("left" if x > 0 else "right" if x < 0 else "center")
         assert up == ("bottom" if y > 0 else "top" if y < 0 else "center")
     far = [max(abs(x), abs(y)) for (x, y), _, _ in pareto.PLACES]
-    assert far == sorted(far) and min(far) == 8 and len(set(pareto.PLACES)) == len(pareto.PLACES) == 40
+    assert far == sorted(far) and min(far) == 8 and len(set(pareto.PLACES)) == len(pareto.PLACES) == 8 * len(set(far))
 
 
 def test_where_every_place_is_taken_the_least_covered_one_is_chosen(monkeypatch):
     places = [((0, 0), "center", "center"), ((8, 8), "left", "bottom"), ((16, 8), "left", "bottom"), ((16, 9), "left", "bottom")]
     monkeypatch.setattr(pareto, "PLACES", places)
+    monkeypatch.setattr(pareto, "GROWTHS", 0)
     axes = drawn([row("one", "fe", 1.0, 1e-3), row("two", "fe", 1.0, 1e-3), row("far", "fe", 50.0, 1e-1)])
     # Two points in one place. 8 points to the side is still within what is kept free around the other point, 16 is free for the first
     # label; the second covers both points in the middle, a point and the first label at 8, the label alone at the last two.
     assert [(note.get_text(), note.get_position()) for note in axes.texts] == [("one", (16, 8)), ("two", (16, 8)), ("far", (8, 8))]
     assert all(note.get_visible() for note in axes.texts)
+
+
+def test_what_is_brought_along_is_a_labelled_point_or_without_a_time_a_line_with_its_name():
+    axes = drawn([*rows(), row("mine", "foreign", 3.0, 1e-3), row("untimed", "foreign", math.nan, 2e-3)])
+    at = [tuple(np.asarray(points.get_offsets())[0]) for points in axes.collections if len(points.get_offsets())]
+    assert any(np.allclose(place, (3.0, 1.0)) for place in at) and not any(np.isnan(place).any() for place in at)
+    assert "mine" in {text.get_text() for text in axes.texts} and "untimed" not in {text.get_text() for text in axes.texts}
+    assert {line.get_ydata()[0]: line.get_label() for line in axes.lines}[2.0] == "untimed: its time is not known"
+    assert "untimed" not in [each.name for each in front([*rows(), row("untimed", "foreign", math.nan, 1e-9)])]

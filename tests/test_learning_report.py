@@ -8,10 +8,15 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 
+from learning.report.pareto import COLOURS
 from learning.report.report import SCALE, STYLE, write_report
 from learning.report.table import COLUMNS, KINDS, TABLES, headline
+from physics.mesh.build import build_mesh
+from physics.scene import Body
+from physics.view import Exhibit, Motion, section
 from tests.rows import CASES, report, row, rows
 
 OUTSIDE = {"0003": {"material law": math.inf, "steps": 0.125}, "0007": {}, "0011": {"steps": 0.0625}}
@@ -126,6 +131,20 @@ def test_the_page_opens_offline_with_its_pictures_inside(written):
     assert not re.search(r"(?:https?:)?//|(?:src|href)=\"(?!data:)|@import|url\(", words)
 
 
+def test_what_is_turned_by_hand_stands_between_the_tables_and_the_pictures(tmp_path):
+    mesh = build_mesh(Body(length=0.1, width=0.02, height=0.02, cells=(2, 1, 1)))
+    exhibit = Exhibit(title="trajectory 0003", mesh=mesh, motions={"M4GN": Motion(displacement=np.zeros((2, 12, 3)))}, frames=["0", "1"])
+    for name, _ in PICTURES:
+        (tmp_path / name).write_bytes(b"picture")
+    write_report(tmp_path, full(), [exhibit])
+    text = (tmp_path / "report.html").read_text()
+    headings = Page(text).headings
+    place = headings.index("To be turned by hand")
+    assert headings[place - 1:place + 2] == ["Inside or outside of what was trained on", "To be turned by hand", "Worst frames"]
+    assert section([exhibit]) in text and text.count('<section class="viewer"') == 1
+    assert "exhibits" not in json.loads((tmp_path / "report.json").read_text())
+
+
 def test_what_the_page_quotes_is_escaped_and_bold_letters_stay(written):
     text = (written[0] / "report.html").read_text()
     assert "<title>A &amp; B</title>" in text and "<h1>A &amp; B</h1>" in text
@@ -145,7 +164,7 @@ def test_the_page_tells_the_colours_of_the_kinds_that_occur_and_the_columns_that
     assert re.findall(r'<span class="(\w+)">([^<]+)</span>', text) == [(kind, KINDS[kind]) for kind in (
         "learned", "hybrid", "trivial", "fe", "reference")]
     for kind in KINDS:
-        assert f".{kind} th[scope=row]" in STYLE
+        assert f".{kind}{{--kind:{COLOURS[kind]}}}" in STYLE and STYLE in text
     terms = re.findall("<dt>([^<]+)</dt>", text)
     assert terms == ["time", "time, set-up excluded", "RMSE-1", "RMSE-all", "Newton steps", "machine", "seed"]
     assert "The figure to compare by." in text

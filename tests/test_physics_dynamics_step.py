@@ -175,6 +175,19 @@ def test_nothing_is_solved_before_anything_moves():
         assert motion(**changes).advance(1e-3).iterations > 0
 
 
+def test_a_factor_is_kept_from_one_step_to_the_next_that_is_as_long():
+    """What is factored is K / 2 + 2 M / h^2: another h outdates it, rounding (0.1 + 0.1 + 0.1) does not."""
+    made, outdated = motion(velocity=(0.0, 0.0, 1e-3)), []
+    made.newton.outdate = lambda: outdated.append(round(fraction, 3))
+    stubbed(made, made.states[0])
+    fraction = 0.0
+    for h in (0.1, 0.1, 0.1, 0.1 * (1 + 1e-4), 0.2):
+        fraction += h
+        made.advance(fraction)
+        made.moving.factored_h = made.moving.h  # as a factor made in this step would say
+    assert outdated == [0.1, 0.4, 0.6]
+
+
 def stubbed(made, found=None):
     """The starts and arguments that Newton's method is called with; it answers with what it is given, shifted by 1 mm."""
     calls = []

@@ -203,7 +203,10 @@ def test_a_path_that_failed_says_at_which_step_and_keeps_those_before(monkeypatc
         return self._append(State(fraction, np.full_like(self.states[-1].u, 1e-4), self.states[-1].pressure))
 
     monkeypatch.setattr(LoadPath, "advance", fail)
-    solution = solve(bent())
+    with pytest.raises(NoEquilibrium, match="^no equilibrium at step 3: of no use$") as raised:
+        solve(bent())
+    assert np.array_equal(raised.value.solution.displacement, solve(bent(), partial=True).displacement)
+    solution = solve(bent(), partial=True)
     assert solution.failure == "no equilibrium at step 3: of no use" and len(solution.displacement) == 3
 
 
@@ -215,8 +218,9 @@ def test_motion_in_time_is_not_spread_over_processes():
 def test_snaps_are_named_up_to_five():
     assert snapped(np.zeros(4)) == {}
     assert snapped(np.array([0, 0, 0.25, 0.5]))["snaps"].startswith("at step 2, 3 the body moved by up to 0.5 m without")
-    five, seven = np.array([0.0] + 5 * [0.125]), np.array([0.0] + 7 * [0.125])
+    five, six, seven = (np.array([0.0] + count * [0.125]) for count in (5, 6, 7))
     assert snapped(five)["snaps"].startswith("at step 1, 2, 3, 4, 5 the body")
+    assert snapped(six)["snaps"].startswith("at step 1, 2, 3, 4, 5 and 1 more the body")
     assert snapped(seven)["snaps"].startswith("at step 1, 2, 3, 4, 5 and 2 more the body moved by up to 0.125 m")
 
 

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from datagen.sets.statistics import finer
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
-from learning.report.table import Row
+from learning.report.table import JUDGED, Row
 from physics.fem import release
+from physics.fidelity.figures import gathered
 from physics.fidelity.verify import as_table, verify
 from physics.mesh.quality import rmse
 
 LONG = 10.0  # [s]
-EXTREMES = {"largest_penetration": max, "smallest_det_f": min, "smallest_scaled_jacobian": min, "inverted_elements": max}
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,23 @@ class WorstFrame:
     error: float  # [m] of the whole rollout, free nodes
 
 
+@dataclass(frozen=True)
+class Hardest:
+    """The trajectory that a learned predictor, or without one any, does worst on: paths (T, N, 3) float32 of all that predict it."""
+
+    case: Case
+    paths: dict[str, NDArray[np.float32]]
+    error: float  # [m]; infinite where a path is not finite
+
+
 @dataclass
 class Measurement:
-    """Everything found: a row for each predictor that did all cases, worst frames of the learned ones, what went wrong."""
+    """Everything found: a row for each predictor that did all cases, worst frames of those that are judged, what went wrong."""
 
     rows: list[Row] = field(default_factory=list)
     frames: list[WorstFrame] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    hardest: Hardest | None = None
     solved_again: float = 0.0  # [m] largest difference of the reference to the files
 
 
@@ -64,6 +74,8 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
     each: dict[str, list[dict[str, float]]] = {predictor.name: [] for predictor in predictors}
     for number, case in enumerate(cases):
         second = _second_truth(case, found.notes) if number in refined else None
+        paths: dict[str, NDArray[np.float32]] = {}
+        errors: list[float] = []
         for predictor in predictors:
             try:
                 prediction = _repeated(predictor, case, repeats)
@@ -80,8 +92,15 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             fidelity = verify(path, case.truth, scene=case.scene, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
                               sample=sample)
             each[predictor.name].append(_scores(fidelity, prediction, case) | _doubt(prediction, case) | _against(second, path, case))
-            if predictor.kind == "learned":
+            with np.errstate(over="ignore"):
+                paths[predictor.name] = path.astype(np.float32)
+            errors.append(fidelity.rmse_all)
+            if predictor.kind in JUDGED:
                 found.frames.append(WorstFrame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
+        learned = [frame.error for frame in found.frames if frame.case is case]
+        error = max((each if np.isfinite(each) else np.inf for each in learned or errors), default=0.0)
+        if paths and (found.hardest is None or error > found.hardest.error):
+            found.hardest = Hardest(case, paths, error)
         release()
     found.rows = [_row(predictor, each[predictor.name]) for predictor in predictors if len(each[predictor.name]) == len(cases)]
     return found
@@ -142,11 +161,4 @@ def _scores(fidelity: Any, prediction: Prediction, case: Case) -> dict[str, floa
 
 
 def _row(predictor: Predictor, each: list[dict[str, float]]) -> Row:
-    """Means over trajectories, of extremes the extreme; what only some have, over those."""
-    scores = {}
-    for key in each[0]:
-        values = [table[key] for table in each if not np.isnan(table[key])]
-        scores[key] = float(EXTREMES.get(key, np.mean)(values)) if values else float("nan")
-    return Row(predictor.name, predictor.kind, scores, tuple(each))
-
-
+    return Row(predictor.name, predictor.kind, gathered(each), tuple(each))

@@ -7,18 +7,23 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from learning.report.table import Row
 
-COLOURS = {"learned": "#c8102e", "trivial": "#7a7d82", "fe": "#1f4e9c", "hybrid": "#7b2d8b", "reduced": "#c77700",
+COLOURS = {"learned": "#c8102e", "foreign": "#14161a", "trivial": "#7a7d82", "fe": "#1f4e9c", "hybrid": "#7b2d8b", "reduced": "#c77700",
            "reference": "#0b7a4b"}
-MARKERS = {"learned": "o", "hybrid": "P", "trivial": "D", "fe": "s", "reduced": "^", "reference": "*"}
-# Where a label may stand: its offset from the point in points, and which of its corners is put there.
+MARKERS = {"learned": "o", "foreign": "X", "hybrid": "P", "trivial": "D", "fe": "s", "reduced": "^", "reference": "*"}
+# Where a label may stand, the nearest places first: its offset from the point in points, and which of its corners is put there.
 PLACES = [((x * far, y * far), {-1: "right", 0: "center", 1: "left"}[x], {-1: "top", 0: "center", 1: "bottom"}[y])
-          for far, (x, y) in product((8, 14, 24, 38, 54), ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 0), (-1, 0), (0, 1), (0, -1)))]
+          for far, (x, y) in product((8, 14, 24, 38, *range(54, 500, 16)),
+                                     ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 0), (-1, 0), (0, 1), (0, -1)))]
+ACROSS, UP = {"left": 0.0, "center": 0.5, "right": 1.0}, {"bottom": 0.0, "center": 0.5, "top": 1.0}  # share of the box before it
+LONGEST = 48  # letters of a label
+GROWTHS = 8  # of the picture's height, by a quarter each: then there is room for some hundred labels
 
 
 def measure_of(rows: list[Row]) -> str:
@@ -30,7 +35,7 @@ def measure_of(rows: list[Row]) -> str:
 def front(rows: list[Row], error: str = "rmse_all") -> list[Row]:
     """Predictors that no other beats or equals in both time and error, the fastest first."""
     best, lowest = [], math.inf
-    for row in sorted(rows, key=lambda row: (row.ms_per_step, row.scores[error])):
+    for row in sorted((row for row in rows if not math.isnan(row.ms_per_step)), key=lambda row: (row.ms_per_step, row.scores[error])):
         if row.scores[error] < lowest:
             best.append(row)
             lowest = row.scores[error]
@@ -62,6 +67,8 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
             axes.scatter(x, y, s=120 if row.kind == "reference" else 62, color=colour, marker=MARKERS[row.kind], zorder=3)
             if row.kind == "reference":
                 axes.axhline(y, color=colour, ls=":", lw=1.2, label="error of the data")
+        elif math.isnan(row.ms_per_step) and row.scores[error] > 0:
+            axes.axhline(1e3 * row.scores[error], color=colour, ls="-.", lw=1.2, label=f"{row.name}: its time is not known")
         elif row.kind == "reference":
             axes.axvline(row.ms_per_step, color=colour, ls="--", lw=1.3, label=f"{row.name}: zero error by definition")
     axes.margins(x=0.16, y=0.14)
@@ -69,35 +76,47 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, 1.09), ncols=2)
     canvas.draw()
-    _label(axes, [(row.name, points[row.name], COLOURS[row.kind]) for row in rows if row.name in points])
+    labels = [(row.name if len(row.name) <= LONGEST else row.name[:LONGEST - 1] + "…", points[row.name], COLOURS[row.kind])
+              for row in rows if row.name in points]
+    for _ in range(GROWTHS):
+        if _label(axes, labels):
+            break
+        for note in list(axes.texts):
+            note.remove()
+        figure.set_figheight(1.25 * figure.get_figheight())
+        canvas.draw()
+    else:
+        _label(axes, labels)
     figure.savefig(path)
 
 
-def _label(axes: Any, labels: list[tuple[str, tuple[float, float], str]]) -> None:
-    """Put each label at the first place where it covers no other label, no point and no edge of the picture."""
-    renderer, inside = axes.figure.canvas.get_renderer(), axes.get_window_extent().padded(2)
-    taken = []
-    for _, point, _ in labels:
-        x, y = axes.transData.transform(point)
-        taken.append(inside.from_extents(x - 8, y - 8, x + 8, y + 8))
+def _label(axes: Any, labels: list[tuple[str, tuple[float, float], str]]) -> bool:
+    """Put each label at the first place where it covers no other label, no point and no edge of the picture.
+
+    Where there is none it goes where it covers the least; gives whether that was never so.
+    """
+    renderer, inside, dot = axes.figure.canvas.get_renderer(), axes.get_window_extent().padded(2), axes.figure.dpi / 72
+    spots = [axes.transData.transform(point) for _, point, _ in labels]
+    taken, free = [inside.from_extents(x - 8, y - 8, x + 8, y + 8) for x, y in spots], True
     for number, (text, point, colour) in enumerate(labels):
         # A label must not stand nearer to another point than to its own.
         near = [box.padded(7) if other != number and other < len(labels) else box for other, box in enumerate(taken)]
-        tried: list[tuple[int, int, Any, Any]] = []
-        for offset, across, up in PLACES:
-            note = axes.annotate(text, point, xytext=offset, textcoords="offset points", fontsize=8.5, ha=across, va=up, color=colour,
-                                 arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5} if max(map(abs, offset)) > 8 else None)
-            note.update_positions(renderer)
-            box = Text.get_window_extent(note, renderer)  # of the text alone: the arrow leads back to the point
+        note = axes.annotate(text, point, xytext=(0, 0), textcoords="offset points", fontsize=8.5, color=colour)
+        size = np.array(Text.get_window_extent(note, renderer).size)  # of the text alone: an arrow leads back to the point
+        note.remove()
+        fewest, best, where = math.inf, PLACES[0], inside
+        for place in PLACES:
+            low = spots[number] + dot * np.array(place[0]) - size * [ACROSS[place[1]], UP[place[2]]]
+            box = inside.from_bounds(*low, *size)
             covered = sum(box.overlaps(other) for other in near) + (not (inside.x0 <= box.x0 and box.x1 <= inside.x1
                                                                           and inside.y0 <= box.y0 and box.y1 <= inside.y1))
-            tried.append((covered, len(tried), note, box))
+            if covered < fewest:
+                fewest, best, where = covered, place, box
             if not covered:
                 break
-            note.set_visible(False)
-        _, _, note, box = min(tried, key=lambda entry: entry[:2])
-        note.set_visible(True)
-        for _, _, other, _ in tried:
-            if other is not note:
-                other.remove()
-        taken.append(box)
+        offset, across, up = best
+        axes.annotate(text, point, xytext=offset, textcoords="offset points", fontsize=8.5, ha=across, va=up, color=colour,
+                      arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5} if max(map(abs, offset)) > 8 else None)
+        taken.append(where.padded(2))
+        free = free and not fewest
+    return free

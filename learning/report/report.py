@@ -1,6 +1,7 @@
 """The report folder: what was measured, as tables, pictures and words.
 
-    report.html   one file that opens offline, its pictures inside, for someone who has never seen the project
+    report.html   one file that opens offline, its pictures inside, some to be turned by hand (physics/view/viewer.py), for someone
+                  who has never seen the project; its frame is page.html, its style report.css
     report.md     the same for a terminal or a repository, pictures beside it
     table.csv     all figures of all predictors in SI units
     report.json   everything, for programs; what is not a number is null
@@ -14,9 +15,11 @@ import base64
 import csv
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from datagen.files.prediction import finite
@@ -37,35 +40,17 @@ from learning.report.table import (
     told,
 )
 from learning.samples.seen import ALARM
+from physics.view import Exhibit, section, shell
 
-STYLE = """
-body{margin:0;background:#fff;color:#1c1d1f;font:16px/1.5 system-ui,"DejaVu Sans",sans-serif}
-main{max-width:1200px;margin:0 auto;padding:2rem 1.2rem 4rem}
-h1{font-size:1.7rem;margin:0 0 .6rem}
-h2{font-size:1.2rem;margin:2.4rem 0 .6rem}
-.lead{font-size:1.1rem;max-width:54rem}
-.wide{overflow-x:auto}
-table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}
-th,td{padding:.4rem .6rem;text-align:right;border-bottom:1px solid #e3e4e6;vertical-align:bottom}
-td,th[scope=row]{white-space:nowrap}
-tr:first-child th{border-bottom:2px solid #1c1d1f}
-tr th:first-child{text-align:left}
-th[scope=row],.key span{border-left:5px solid #fff}
-""" + "".join(f".{kind} th[scope=row],.key .{kind}{{border-left-color:{colour}}}\n" for kind, colour in COLOURS.items()) + """\
-.alarm{background:#fff3cd;border-left:5px solid #c8102e;padding:.6rem 1rem;max-width:54rem}
-.key,figcaption{font-size:.88rem;color:#55585c;max-width:54rem}
-.key span{padding:0 1.2rem 0 .4rem}
-figure{margin:1rem 0 1.6rem}
-img{max-width:100%;height:auto}
-dl{display:grid;grid-template-columns:max-content 1fr;gap:.35rem 1.2rem;max-width:64rem}
-dt{font-weight:600}
-dd{margin:0;overflow-wrap:anywhere}
-@media(max-width:600px){dl{display:block}dd{margin-bottom:.6rem}}
-"""
+HERE = Path(__file__).parent
+STYLE = (HERE / "report.css").read_text() + "".join(f".{kind}{{--kind:{colour}}}\n" for kind, colour in COLOURS.items())
 
 
-def write_report(out: Path, report: Report) -> dict[str, Any]:
-    """Write the folder, into which the pictures of frames have been put before. Gives the content of report.json."""
+def write_report(out: Path, report: Report, exhibits: Sequence[Exhibit] = ()) -> dict[str, Any]:
+    """Write the folder, into which the pictures of frames have been put before. Gives the content of report.json.
+
+    exhibits: what the page shows to be turned and followed by hand
+    """
     out.mkdir(parents=True, exist_ok=True)
     content = finite({"summary": plain(headline(report)), "improvement_over_nothing_moves": improvement(report.rows),
                       "far_outside": far_outside(report, ALARM), **asdict(report)})
@@ -78,7 +63,7 @@ def write_report(out: Path, report: Report) -> dict[str, Any]:
             writer.writerow([row.name, row.kind, *(row.scores.get(key, math.nan) for key in COLUMNS)])
     pareto_picture(out / "pareto.png", report.rows)
     (out / "report.md").write_text(_markdown(report))
-    (out / "report.html").write_text(_page(report, out))
+    (out / "report.html").write_text(_page(report, out, exhibits))
     return content
 
 
@@ -139,7 +124,7 @@ def _outside(report: Report) -> list[str]:
     return [*lines, f"{inside} of {len(report.outside)} test scenes lie inside of every range that the training scenes span"]
 
 
-def _page(report: Report, folder: Path) -> str:
+def _page(report: Report, folder: Path, exhibits: Sequence[Exhibit]) -> str:
     """The page; pictures are read from the folder."""
     kinds = [kind for kind in KINDS if any(row.kind == kind for row in report.rows)]
     head, lines = by_case(report)
@@ -155,26 +140,14 @@ def _page(report: Report, folder: Path) -> str:
         "<h2>Inside or outside of what was trained on</h2>"
         f'<ul>{"".join(f"<li>{escape(line)}</li>" for line in _outside(report))}</ul>')
     worst = "<h2>Worst frames</h2>" + "".join(_picture(folder, *entry) for entry in report.pictures) if report.pictures else ""
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(report.title)}</title><style>{STYLE}</style></head><body><main>
-<h1>{escape(report.title)}</h1>
-<p class="lead">{_bold(headline(report))}</p>
-{f'<p class="alarm">{escape(alarm)}</p>' if alarm else ""}
-<h2>Speed against error</h2>
-{_picture(folder, "pareto.png", SCALE[measure_of(report.rows)])}
-<p class="key">{" ".join(f'<span class="{kind}">{KINDS[kind]}</span>' for kind in kinds)}</p>
-{tables}
-<h2>RMSE-all of each test trajectory [mm]</h2>
-{_table(head, lines, [""] * len(lines))}
-{outside}
-{worst}
-<h2>How it was measured</h2>
-{_list(report.facts)}
-<h2>Limits</h2>
-<ul>{"".join(f"<li>{escape(note)}</li>" for note in report.notes)}</ul>
-</main></body></html>
-"""
+    moving = f"<h2>To be turned by hand</h2>{section(exhibits)}" if exhibits else ""
+    body = Template((HERE / "page.html").read_text()).substitute(
+        title=escape(report.title), headline=_bold(headline(report)), alarm=f'<p class="alarm">{escape(alarm)}</p>' if alarm else "",
+        pareto=_picture(folder, "pareto.png", SCALE[measure_of(report.rows)]),
+        key=" ".join(f'<span class="{kind}">{KINDS[kind]}</span>' for kind in kinds), tables=tables,
+        by_case=_table(head, lines, [""] * len(lines)), outside=outside, moving=moving, worst=worst, facts=_list(report.facts),
+        limits="".join(f"<li>{escape(note)}</li>" for note in report.notes))
+    return shell(report.title, body, STYLE)
 
 
 def _table(head: list[str], lines: list[list[str]], kinds: list[str]) -> str:

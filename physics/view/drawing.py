@@ -30,15 +30,15 @@ TOWARDS_EYE = np.array([-0.12, -1.0, 0.36]) / np.linalg.norm([-0.12, -1.0, 0.36]
 
 
 @dataclass(frozen=True)
-class Obstacle:
+class ObstacleSurface:
     """The surface of a rigid body: points (M, 3) in one frame or (T, M, 3) in all of them [m], triangles (F, 3)."""
 
     points: Floats
     triangles: Integers
 
-    def at(self, frame: int) -> Obstacle:
+    def at(self, frame: int) -> ObstacleSurface:
         """The obstacle in one frame."""
-        return self if self.points.ndim == 2 else Obstacle(self.points[frame], self.triangles)
+        return self if self.points.ndim == 2 else ObstacleSurface(self.points[frame], self.triangles)
 
 
 def eye_for(mesh: Mesh) -> Floats:
@@ -67,7 +67,7 @@ def _axes_of_view(eye: Floats) -> tuple[Floats, Floats]:
     return right, np.cross(eye, right)
 
 
-def fit(clouds: list[Floats], obstacle: Obstacle | None, eye: Floats = TOWARDS_EYE) -> Camera:
+def fit(clouds: list[Floats], obstacle: ObstacleSurface | None, eye: Floats = TOWARDS_EYE) -> Camera:
     """A camera that sees the whole body, and of the obstacle what is near: at most half the body's extent beyond it."""
     right, up = _axes_of_view(eye)
     points = np.concatenate(clouds)
@@ -91,7 +91,7 @@ def panel_size(camera: Camera, panels: int) -> tuple[int, int]:
 
 
 def draw(mesh: Mesh, displacement: Floats, colour: Floats, limits: tuple[float, float], cmap: str, camera: Camera,
-          size: tuple[int, int], *, obstacle: Obstacle | None = None, outline: Floats | None = None) -> Pixels:
+          size: tuple[int, int], *, obstacle: ObstacleSurface | None = None, outline: Floats | None = None) -> Pixels:
     """(height, width, 3) picture of a body, coloured by a value at each node (N,) or by red, green and blue on each facet (F, 3)."""
     _find_screen()
     plotter: Any = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
@@ -105,9 +105,9 @@ def draw(mesh: Mesh, displacement: Floats, colour: Floats, limits: tuple[float, 
     plotter.add_mesh(body, scalars="colour", **scale, show_scalar_bar=False, show_edges=True,
                      edge_color="#555555", line_width=0.6, ambient=0.55, diffuse=0.5, specular=0.0)
     if outline is not None:
-        lines = _surface(mesh, mesh.points).extract_feature_edges(40, manifold_edges=False)
-        if lines.n_points:  # a round body has none
-            lines.points = (mesh.points + outline)[lines["node"]]
+        edges = feature_edges(mesh)
+        if len(edges):  # a round body has none
+            lines = pv.PolyData(mesh.points + outline, lines=np.insert(edges, 0, 2, axis=1).ravel())
             plotter.add_mesh(lines, color="#1f4e9c", line_width=1.6, lighting=False)
     if obstacle is not None:
         rigid = pv.PolyData(np.asarray(obstacle.points, np.float64), _faces([obstacle.triangles]))
@@ -122,6 +122,14 @@ def draw(mesh: Mesh, displacement: Floats, colour: Floats, limits: tuple[float, 
     picture = plotter.screenshot(None, return_img=True)
     plotter.close()
     return np.asarray(picture)[..., :3]
+
+
+def feature_edges(mesh: Mesh) -> Integers:
+    """(E, 2) nodes of the edges that outline a body at rest: where facets meet at more than 40 degrees, and rims of plane ones."""
+    lines = _surface(mesh, mesh.points).extract_feature_edges(40, manifold_edges=False)
+    if not lines.n_points:
+        return np.zeros((0, 2), np.int64)
+    return np.asarray(lines["node"])[lines.lines.reshape(-1, 3)[:, 1:]]
 
 
 def _surface(mesh: Mesh, points: Floats) -> pv.PolyData:
