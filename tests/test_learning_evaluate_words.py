@@ -295,7 +295,7 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
 
 def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
     halvings = {}
-    monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False)))
+    monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN"))
     monkeypatch.setattr(module, "load_cases", list)
     monkeypatch.setattr(module, "report_on", lambda *given, **how: {})
     monkeypatch.setattr(module, "elements", lambda name, **how: halvings.update({name: how}))

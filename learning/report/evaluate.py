@@ -261,11 +261,11 @@ def _of_doubt(rows: Sequence[Row], cases: Sequence[Case]) -> list[str]:
     """Where predictors say themselves that they do not know, and how far off they are elsewhere."""
     said = []
     for row in rows:
-        shares = {case.name: each.get("unsure", np.nan) for case, each in zip(cases, row.each, strict=True)}
-        if all(np.isnan(share) for share in shares.values()):
+        shares = [each.get("unsure", np.nan) for each in row.each]
+        if not len(shares) or np.isnan(shares).all():
             continue
-        unsure = {name: share for name, share in shares.items() if share > 0}
-        sure = [each["rmse_all"] for each in row.each if not each["unsure"] > 0]
+        unsure = {case.name: share for case, share in zip(cases, shares, strict=True) if share > 0}
+        sure = [each["rmse_all"] for each, share in zip(row.each, shares, strict=True) if not share > 0]
         names = ", ".join(f"{name} ({100 * share:.0f} % of the frames)" for name, share in unsure.items()) or "none of them"
         said.append(f"{row.name} says that it does not know: {names}." + (
             f" In the other {len(sure)} trajectories it is {1e3 * max(sure):.3g} mm off at most." if sure else ""))
