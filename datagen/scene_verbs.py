@@ -103,16 +103,19 @@ def _laplacian(options: Options, spread: bool) -> Any:
 def _write_modes(out: Path, options: Options, found: Any) -> None:
     """The shapes as .vtu, or as a trajectory file of the rest state alone."""
     if out.suffix == ".vtkhdf":
+        from datagen.files.places import mesh_file, places_of
         from datagen.files.trajectory import at_rest, write_trajectory
         from physics.scene import load_scene
 
         elastic = options.kind == "elastic"
         shapes = found.pictured if elastic else found.pictured[:, :, None] * [0.0, 0.0, 1.0]
-        text = Path(options.scene).read_text() if Path(options.scene).suffix.lower() == ".toml" else ""
-        if options.set:
-            text = load_scene(options.scene, options.set).to_toml()
-        write_trajectory(out, at_rest(found.mesh, shapes, scene=text, frequencies_hz=found.frequencies_hz if elastic else (),
-                                      extra={} if elastic else {"laplacian_eigenvalues": found.eigenvalues.tolist()}))
+        about: dict[str, Any] = {"extra": {"laplacian_eigenvalues": found.eigenvalues.tolist()}}
+        if elastic:
+            scene = load_scene(options.scene, options.set)
+            about = {"scene": scene.to_toml(), "frequencies_hz": found.frequencies_hz}
+            if scene.body.shape == "file":
+                about |= {"places": places_of(found.mesh), "extra": {"mesh_file": mesh_file(scene)}}
+        write_trajectory(out, at_rest(found.mesh, shapes, **about))
     else:
         from physics.mesh.files import write_mesh
 

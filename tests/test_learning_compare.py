@@ -96,7 +96,7 @@ def test_each_is_cheaper_by_what_its_name_says(monkeypatch):
     """What the solver is asked for: cells, steps, tolerance and law of each, for 30 steps of a beam of 12 x 4 x 4 cells."""
     asked = {}
 
-    def follow(scene, tolerance):
+    def follow(scene, tolerance, mesh=None):
         asked[name] = (scene.body.divisions, scene.steps.count, tolerance, scene.material.law)
         raise LeftOut("enough")
 
@@ -121,7 +121,7 @@ def test_two_kinds_of_newton_are_one_step_and_the_whole_iteration(monkeypatch):
     monkeypatch.setattr("learning.prediction.surrogates._modes_seconds", lambda model, case: 0.0)
     for each in module.predictors({"a": model()})[1:3]:
         with pytest.raises(ZeroDivisionError):
-            each.predict(Case("", None, None, None))
+            each.predict(Case("", None, "scene", None))
     assert asked == [1, None]
 
 

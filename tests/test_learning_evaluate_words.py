@@ -108,7 +108,7 @@ def test_scenes_solved_finer_are_evenly_spaced_and_as_many_as_asked_for(measured
     result = module.report_on([made(), made(name="b")], cases, tmp_path / "out", title="T", runs={}, refined=refined, repeats=7)
     assert measured.measure["refined"] == numbers
     assert (measured.measure["sample"], measured.measure["repeats"]) == (25, 7)
-    assert measured.bars == [{"total": 10, "desc": "evaluate", "disable": None, "unit": "rollout"}] and measured.warm == [cases[0].scene]
+    assert measured.bars == [{"total": 10, "desc": "evaluate", "disable": None, "unit": "rollout"}] and measured.warm == [cases[0]]
     assert result == {"summary": "words", "report": str(tmp_path / "out")} and (tmp_path / "out").is_dir()
     assert measured.out == tmp_path / "out"
     with pytest.raises(InputError, match="two predictors are called 'b'"):
@@ -144,8 +144,8 @@ def test_the_summary_is_in_mm_with_a_dash_for_what_is_missing():
 
 def test_what_is_solved_to_warm_up_is_the_coarsest_scene(monkeypatch):
     solved = []
-    monkeypatch.setattr(module, "follow", solved.append)
-    module.warm_up(pressed())
+    monkeypatch.setattr(module, "follow", lambda scene, mesh: solved.append(scene))
+    module.warm_up(SimpleNamespace(scene=pressed(), mesh=None))
     assert [scene.body.divisions for scene in solved] == [(2, 2, 2)]
 
 
@@ -276,7 +276,8 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
     given = {}
     model = SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN")
     monkeypatch.setattr(module, "load_model", lambda run: model)
-    monkeypatch.setattr(module, "load_cases", lambda files: list(files))
+    one = SimpleNamespace(known="scene")
+    monkeypatch.setattr(module, "load_cases", lambda files: [one for _ in files])
     monkeypatch.setattr(
         module, "report_on", lambda predictors, cases, out, **how: given.update(how, p=predictors, cases=cases, out=out) or {"a": 1}
     )
@@ -286,7 +287,7 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
     assert [(each.name, each.kind) for each in given["p"]] == list(
         zip(names, ("learned", "hybrid", *["trivial"] * 3, "fe", "fe", "reference"), strict=True)
     )
-    assert (given["cases"], given["out"], given["runs"], given["refined"]) == (["f"], tmp_path, {"run": model}, 4)
+    assert (given["cases"], given["out"], given["runs"], given["refined"]) == ([one], tmp_path, {"run": model}, 4)
     model.config.estimate = True
     module.evaluate("run", ["f"], tmp_path)
     assert [each.name for each in given["p"]] == ["M4GN", "M4GN, its estimate alone", "M4GN, 1 Newton step", *names[2:]]
@@ -296,7 +297,7 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
 def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
     halvings = {}
     monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN"))
-    monkeypatch.setattr(module, "load_cases", list)
+    monkeypatch.setattr(module, "load_cases", lambda files: [SimpleNamespace(known="scene")])
     monkeypatch.setattr(module, "report_on", lambda *given, **how: {})
     monkeypatch.setattr(module, "elements", lambda name, **how: halvings.update({name: how}))
     module.evaluate("run", ["f"], "out")
@@ -305,7 +306,7 @@ def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
 
 def test_cases_are_named_by_their_files(monkeypatch):
     one = case("x")
-    monkeypatch.setattr(module, "read_truth", lambda file: (one.trajectory, one.scene, file))
+    monkeypatch.setattr(module, "read_reference", lambda file: (one.trajectory, one.scene, file))
     cases = module.load_cases(["a/0003.vtkhdf", Path("b/0007.vtkhdf")])
     assert [(each.name, each.mesh, each.scene is one.scene) for each in cases] == [
         ("0003", "a/0003.vtkhdf", True), ("0007", Path("b/0007.vtkhdf"), True)]

@@ -26,13 +26,21 @@ class LeftOut(Exception):
 
 @dataclass(frozen=True)
 class Case:
-    """A test trajectory with its scene and the mesh that the scene builds; its file, by whose name predictions are found."""
+    """A test trajectory with its scene, None where it has none, the mesh that it was solved on, and its file, by whose name predictions
+    are found."""
 
     name: str
     trajectory: Trajectory
-    scene: Scene
+    known: Scene | None
     mesh: Mesh
     file: Path | None = None
+
+    @property
+    def scene(self) -> Scene:
+        """The scene. Raises `LeftOut` where there is none."""
+        if self.known is None:
+            raise LeftOut("there is no scene, and so there are no equations")
+        return self.known
 
     @property
     def truth(self) -> NDArray[np.float32]:

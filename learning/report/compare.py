@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from datagen.files.trajectory import as_solved
+from datagen.files.trajectory import as_solved, solved_on
 from datagen.sets.dataset import files
 from datagen.sets.generate import trajectory_of
 from learning.prediction.checkpoint import Model, load_model
@@ -23,7 +23,6 @@ from learning.prediction.surrogates import corrected, estimated, learned
 from learning.report.evaluate import evenly, load_cases, own_predictors, report_on
 from learning.report.table import KINDS
 from learning.slender.model import Slender
-from physics.mesh.build import build_mesh
 from physics.scene import load_scene
 from physics.schema import InputError, nearest
 
@@ -79,7 +78,7 @@ def scene_case(path: str | Path) -> list[Case]:
     trajectory = trajectory_of(scene)
     if not trajectory.complete:
         raise RuntimeError(f"{path}: {trajectory.extra['failure']}")
-    return [Case(Path(path).stem, trajectory, as_solved(scene, trajectory, scene.steps.count), build_mesh(scene.body))]
+    return [Case(Path(path).stem, trajectory, as_solved(scene, trajectory, scene.steps.count), solved_on(scene, trajectory))]
 
 
 def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:

@@ -1,5 +1,7 @@
 """Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report.
 
+Where the trajectories have no scene, as imported ones, the network and what knows nothing are held against the data alone.
+
 On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser
 meshes, and the solver that made the truth, run again here for its time. What is written: report.py; the rivals: rivals.py;
 how they are measured: measure.py. All rivals at once, timed with repeats: compare.py.
@@ -20,7 +22,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from datagen.files.prediction import read_truth
+from datagen.files.prediction import read_reference
 from datagen.files.provenance import commit, processor, versions
 from learning.networks.stored import read_stored
 from learning.prediction.checkpoint import Model, load_model
@@ -35,7 +37,6 @@ from learning.report.shown import exhibits, worst_frames
 from learning.report.table import JUDGED, Report, Row
 from learning.samples.seen import Seen, outside, read_seen
 from learning.slender.model import Slender
-from physics.scene import Scene
 from physics.schema import InputError, to_table
 from physics.view import ObstacleSurface, frame_picture
 
@@ -60,7 +61,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         the content of report.json and "report", the folder
 
     Raises:
-        InputError: no whole checkpoint, no files, a file without a scene, a mesh that is not the one its scene builds
+        InputError: no whole checkpoint, no files, a mesh that is not the one its scene builds
     """
     if not files:
         raise InputError("no trajectories to evaluate on")
@@ -68,6 +69,9 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
     cases = load_cases(files)
     alone = [estimated("M4GN, its estimate alone")] if has_estimate(model) else []
     own, about = own_predictors(predictions, functions, cases)
+    if any(case.known is None for case in cases):
+        return report_on([*own, learned(model, model.title), *trivial()], cases, Path(out),
+                         title="A learned simulator held against its data", runs={str(run): model}, refined=0, about=about, say=say)
     predictors = [*own, learned(model, model.title), *alone, corrected(model, correct, model.title), *trivial(),
                   elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
@@ -96,7 +100,7 @@ def has_estimate(model: Model | Slender) -> bool:
 
 def load_cases(files: Sequence[str | Path]) -> list[Case]:
     """The trajectories that predictions can be held against, named by their files. Raises `InputError`."""
-    return [Case(Path(file).stem, *read_truth(file), Path(file)) for file in files]
+    return [Case(Path(file).stem, *read_reference(file), Path(file)) for file in files]
 
 
 def evenly(count: int, of: int) -> list[int]:
@@ -116,7 +120,8 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(f"two predictors are called {twice[0]!r}: give each a name of its own")
     known = {run: read_seen(run) for run in runs}
-    warm_up(cases[0].scene)
+    if cases[0].known is not None:
+        warm_up(cases[0])
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
         found = measure(predictors, cases, sample=SAMPLE, refined=evenly(refined, len(cases)), repeats=repeats, on_done=bar.update)
     out.mkdir(parents=True, exist_ok=True)
@@ -156,11 +161,12 @@ def summary(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def warm_up(scene: Scene) -> None:
+def warm_up(case: Case) -> None:
     """Solve something small once, so that no time of below contains the loading of compiled forms."""
+    scene, mesh = case.scene, case.mesh if case.scene.body.shape == "file" else None
     while (smaller := coarser(scene)) is not None:
         scene = smaller
-    follow(scene)
+    follow(scene, mesh=mesh)
 
 
 def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
@@ -195,7 +201,9 @@ def _facts(runs: dict[str, Model | Slender], cases: Sequence[Case], found: Measu
             f"{model.title} from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
             f"{about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
     return facts | {
-        "truth": f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
+        "truth": "the files: they hold no scene, so there are no equations to check, and no reference that could be solved again"
+                 if any(case.known is None for case in cases) else
+                 f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
                  f"solved again here, it differs from the files by {1e3 * found.solved_again:.1e} mm at most (they hold 32-bit numbers)",
         "equations": f"checked at up to {SAMPLE} frames of each trajectory, everything else at all frames",
         "machine": f"{processor()}, {os.cpu_count()} cores; {platform.platform()}",
@@ -273,7 +281,9 @@ def _of_doubt(rows: Sequence[Row], cases: Sequence[Case]) -> list[str]:
 
 
 def _material(case: Case) -> str:
-    material = case.scene.material
+    if case.known is None:
+        return "not known"
+    material = case.known.material
     return f"{material.law} (E = {material.young_modulus:.3g} Pa, nu = {material.poisson_ratio:.3g})"
 
 

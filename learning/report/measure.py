@@ -89,7 +89,7 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             if predictor.kind == "reference":  # what counts is the file, which was solved again for its time
                 found.solved_again = max(found.solved_again, float(abs(path - case.truth).max()))
                 path = case.truth
-            fidelity = verify(path, case.truth, scene=case.scene, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
+            fidelity = verify(path, case.truth, scene=case.known, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
                               sample=sample)
             each[predictor.name].append(_scores(fidelity, prediction, case) | _doubt(prediction, case) | _against(second, path, case))
             with np.errstate(over="ignore"):
@@ -117,8 +117,10 @@ def _repeated(predictor: Predictor, case: Case, repeats: int) -> Prediction:
 
 def _second_truth(case: Case, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """Frames (F,) and displacements (F, N, 3) of the case solved on finer cells; None when that fails."""
+    if case.known is None:
+        return None
     try:
-        every, displacement, _ = finer(case.scene, case.mesh.points)
+        every, displacement, _ = finer(case.scene, case.mesh)
     except RuntimeError as error:
         notes.append(f"{case.name} has no finer solution: {error}.")
         return None

@@ -8,4 +8,5 @@
     boxes, channel, files, build    meshes of beams and plates, of a channel with a hole, of files; the one that a body asks for
     quality    how good a deformed mesh is, against a true one and by itself
     transfer   displacements carried from one mesh to another
+    refine     the same mesh on cells of half the size
 """
