@@ -30,7 +30,7 @@ CHEAPER = [
 
 
 def model(estimate: bool = False):
-    return SimpleNamespace(config=SimpleNamespace(estimate=estimate))
+    return SimpleNamespace(config=SimpleNamespace(estimate=estimate), title="M4GN")
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its
 
 def test_two_runs_of_one_name_are_refused():
     with pytest.raises(InputError, match="the folders a/run, b/run must have different names"):
-        module.predictors({"a/run": None, "b/run": None})
+        module.predictors({"a/run": model(), "b/run": model()})
 
 
 def test_each_is_cheaper_by_what_its_name_says(monkeypatch):

@@ -155,13 +155,13 @@ STATE = SimpleNamespace(about={"step": 4000, "seconds": 61.7, "best_step": 3500}
 
 
 def facts(monkeypatch, cases, *, repeats: int = 1, runs=None, solved_again: float = 0.0) -> dict[str, str]:
-    monkeypatch.setattr(module, "read_checkpoint", lambda path: STATE if path == Path("runs/m4gn/model.safetensors") else None)
+    monkeypatch.setattr(module, "read_stored", lambda path: (STATE.about, {}) if path == Path("runs/m4gn/model.safetensors") else None)
     return module._facts(runs or {}, cases, Measurement(solved_again=solved_again), repeats)
 
 
 def test_the_facts_tell_what_was_tested_and_trained(monkeypatch):
     network = torch.nn.Linear(4, 3)  # 12 + 3 weights
-    model = SimpleNamespace(network=network, config=SimpleNamespace(seed=17))
+    model = SimpleNamespace(network=network, config=SimpleNamespace(seed=17), title="M4GN")
     scene = pressed(material={"young_modulus": 1e6, "poisson_ratio": 0.4, "law": "linear"},
                     body={"length": 0.1, "width": 0.02, "height": 0.02, "cells": [4, 3, 2], "cell": "hexahedron"})
     cases = [case("b", steps=12), case("a", steps=6, cells=(4, 3, 2), scene=scene)]
@@ -274,7 +274,7 @@ def test_what_newton_steps_make_of_a_network_is_told_by_factor_and_time():
 
 def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_path):
     given = {}
-    model = SimpleNamespace(config=SimpleNamespace(estimate=False))
+    model = SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN")
     monkeypatch.setattr(module, "load_model", lambda run: model)
     one = SimpleNamespace(known="scene")
     monkeypatch.setattr(module, "load_cases", lambda files: [one for _ in files])
@@ -296,7 +296,7 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
 
 def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
     halvings = {}
-    monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False)))
+    monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN"))
     monkeypatch.setattr(module, "load_cases", lambda files: [SimpleNamespace(known="scene")])
     monkeypatch.setattr(module, "report_on", lambda *given, **how: {})
     monkeypatch.setattr(module, "elements", lambda name, **how: halvings.update({name: how}))
