@@ -27,6 +27,7 @@ from learning.slender.touch import Bent, Obstacle, press
 
 TAU = 2 * math.pi
 WIDTHS = (0.25, 0.6, 1.5)  # heights of the beam: of the bells around the touch
+TINY = 1e-30  # below the rounding of every feature, and of a root that has a slope
 SMALLEST = 1e-6  # of the beam's length, of a depth that is divided by
 
 
@@ -48,12 +49,13 @@ def shown(beam: Beam, fraction: np.ndarray) -> Seen:
     return look(beam, torch.as_tensor(beam.centre(fraction)))
 
 
-def look(beam: Beam, centre: Tensor) -> Seen:
-    """The features of a beam under its obstacle at centres (P, 3), in double precision."""
+def look(beam: Beam, centre: Tensor, obstacle: Obstacle | None = None) -> Seen:
+    """The features of a beam under its obstacle, or one with other numbers at each pose, at centres (P, 3), in double precision."""
+    obstacle = obstacle or obstacle_of(beam)
     x = torch.as_tensor(beam.x)
     bar = Bar(*beam.extent, beam.poisson_ratio, beam.held_at_both)
-    bent = press(x, centre, obstacle_of(beam), bar)
-    return Seen(_pose(beam, bar, centre, bent), _section(beam, x, centre, bent), _base(beam, bent),
+    bent = press(x, centre, obstacle, bar)
+    return Seen(_pose(beam, bar, obstacle, centre, bent), _section(beam, x, obstacle, centre, bent), _base(beam, bent),
                 bent.depth[:, None] * _envelope(beam, x), bent.depth, bent.jumps)
 
 
@@ -63,30 +65,30 @@ def obstacle_of(beam: Beam) -> Obstacle:
     return Obstacle(beam.radius, beam.round, beam.turn, (first - nodes) / beam.row, beam.row, nodes)
 
 
-def _pose(beam: Beam, bar: Bar, centre: Tensor, bent: Bent) -> Tensor:
+def _pose(beam: Beam, bar: Bar, obstacle: Obstacle, centre: Tensor, bent: Bent) -> Tensor:
     length, width, height = beam.extent
     one, ball = torch.ones_like(bent.push), float(beam.round)
     depth = bent.depth + SMALLEST * length
     cell = length / beam.cells[0]
     force = bent.force * bar.second_moment / height**2  # F / (E h^2)
     off = centre[:, 1] * ball
-    first, nodes = (each * ball for each in beam.groove)
+    radius, turn, nodes = obstacle.radius, obstacle.turn, obstacle.nodes * ball
     a = bent.touch
-    most = beam.row / (2 * beam.radius)
+    most = beam.row / (2 * radius)
     angle = bent.force * off * bar.twist(a, a)
     lying = bar.lying.bend(a, a)[0] * bar.second_moment / bar.lying.second_moment * bent.force
     row, aside = a / cell * 2, (off - nodes) / beam.row  # in rows of points
-    sag = [(d * (torch.frac(at) - 0.5).abs()) ** 2 / (2 * beam.radius) for d, at in ((cell / 2, row + 0.5), (beam.row, aside + 0.5))]
-    fixed = [math.log(length / height), width / height, beam.radius / height, float(beam.held_at_both), ball, beam.turn,
+    sag = [(d * (torch.frac(at) - 0.5).abs()) ** 2 / (2 * radius) for d, at in ((cell / 2, row + 0.5), (beam.row, aside + 0.5))]
+    fixed = [math.log(length / height), width / height, radius / height, float(beam.held_at_both), ball, turn,
              float(beam.cells[1]), float(beam.cells[2]), math.log(cell / height), float(beam.diagonal),
              float(beam.diagonal) * (beam.cells[1] % 2), beam.row / height, most, nodes / width,
-             (first - nodes) / beam.row, beam.poisson_ratio, float(beam.neo_hookean)]
+             obstacle.first * ball, beam.poisson_ratio, float(beam.neo_hookean)]
     columns = [value * one for value in fixed]
     columns += [centre[:, 0] / length, a / length, a / height, (length - a) / height, off / width, off / height, aside * ball,
                 bent.depth / length, bent.depth / height, torch.sqrt(bent.depth / height), force, torch.sqrt(force),
                 bent.indentation / height, bent.indentation / depth, bent.slope, bent.slope**2, bent.width / (cell / 2),
-                bent.width / beam.row * ball, angle, lying * ball / height, torch.tanh(angle * lying / height), off / beam.radius,
-                beam.turn * bent.slope, beam.turn * off / width, off * bent.slope / width,
+                bent.width / beam.row * ball, angle, lying * ball / height, torch.tanh(angle * lying / height), off / radius,
+                turn * bent.slope, turn * off / width, off * bent.slope / width,
                 bent.lean, torch.tanh(bent.pull), torch.tanh(bent.pull / 4), torch.tanh(bent.hold), torch.tanh(bent.hold / 4),
                 bent.lies, torch.tanh(bent.groove), (bent.groove != 0).to(one.dtype), sag[0] / depth.clamp(min=1e-3 * height),
                 sag[1] * ball / height]
@@ -96,14 +98,14 @@ def _pose(beam: Beam, bar: Bar, centre: Tensor, bent: Bent) -> Tensor:
     return torch.stack(columns, dim=1)
 
 
-def _section(beam: Beam, x: Tensor, centre: Tensor, bent: Bent) -> Tensor:
+def _section(beam: Beam, x: Tensor, obstacle: Obstacle, centre: Tensor, bent: Bent) -> Tensor:
     length, _, height = beam.extent
     push = bent.push[:, None] + SMALLEST * length
     from_touch = (x - bent.touch[:, None]) / height
-    under = ((x - bent.drawn_in - centre[:, :1]) / beam.radius).clamp(-1, 1)
+    under = (x - bent.drawn_in - centre[:, :1]) / torch.as_tensor(obstacle.radius, dtype=x.dtype)[..., None]
     columns = [x / length, bent.deflection / push, bent.rotation * length / push, bent.rotation, bent.drawn_in * length / push**2,
                torch.exp(-x / height), torch.exp(-3 * x / height), torch.exp(-(length - x) / height),
-               torch.exp(-3 * (length - x) / height), torch.tanh(from_touch), torch.tanh(from_touch / 3), torch.sqrt(1 - under**2),
+               torch.exp(-3 * (length - x) / height), torch.tanh(from_touch), torch.tanh(from_touch / 3), torch.sqrt((1 - under**2).clamp(min=TINY)),
                *(torch.exp(-((from_touch / width) ** 2)) for width in WIDTHS)]
     return torch.stack([column.expand_as(bent.deflection) for column in columns], dim=2)
 

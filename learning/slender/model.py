@@ -56,9 +56,13 @@ class Slender:
     def answer(self, seen: Seen) -> tuple[Tensor, Tensor]:
         """Coefficients (P, S, 3, 6) [m] and expected root mean square distances (P,) [m] of some poses, float32."""
         with torch.inference_mode():
-            said, doubt = self.network(scaled(seen.pose.float(), self.scales.pose), scaled(seen.section.float(), self.scales.section))
-            answer = said * self.scales.answer * seen.unit.float()[..., None]
-            return seen.base.float() + answer.unflatten(-1, (3, FUNCTIONS)), doubt.exp() * seen.depth.float()
+            return self.answer_with_slope(seen)
+
+    def answer_with_slope(self, seen: Seen) -> tuple[Tensor, Tensor]:
+        """The same, differentiable."""
+        said, doubt = self.network(scaled(seen.pose.float(), self.scales.pose), scaled(seen.section.float(), self.scales.section))
+        answer = said * self.scales.answer * seen.unit.float()[..., None]
+        return seen.base.float() + answer.unflatten(-1, (3, FUNCTIONS)), doubt.exp() * seen.depth.float()
 
     def strange(self, seen: Seen) -> Tensor:
         """(P,) True where a feature of a pose lies outside of what the training saw, or a sphere has left its groove at a jump."""

@@ -20,7 +20,6 @@ Legend: P poses, S sections; y to the side, an angle about x is positive where t
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -39,14 +38,16 @@ class Obstacle:
 
     first, row: where a sphere first touches, from a row of nodes, and the distance b of rows; in distances of rows and [length]
     nodes: where that row of nodes is, from the middle of the section
+
+    All but `round` and `row` may be tensors (P,), one number for each pose.
     """
 
-    radius: float
+    radius: float | Tensor
     round: bool
-    turn: float = 0.0
-    first: float = 0.0
+    turn: float | Tensor = 0.0
+    first: float | Tensor = 0.0
     row: float = 1.0
-    nodes: float = 0.0
+    nodes: float | Tensor = 0.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def _indentation(force: Tensor, obstacle: Obstacle, bar: Bar) -> Tensor:
     """(P,) how deep the obstacle enters the face, by Hertz for a sphere."""
     pressed = (1 - bar.poisson_ratio**2) * force * bar.second_moment  # F (1 - nu^2) / E
     if obstacle.round:
-        return SPHERE * (0.75 * pressed / math.sqrt(obstacle.radius)) ** (2 / 3)
+        return SPHERE * (0.75 * pressed / obstacle.radius**0.5) ** (2 / 3)
     return CYLINDER * pressed / bar.width
 
 
@@ -132,7 +133,7 @@ Answer = tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor, Tensor, Tensor, Ten
 
 def _flat(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
     """Lean, force to the side and torque (P,) of a cylinder; it knows no grooves across."""
-    lean, none = torch.tan(slope) * math.tan(obstacle.turn), torch.zeros_like(a)
+    lean, none = torch.tan(slope) * torch.tan(torch.as_tensor(obstacle.turn, dtype=a.dtype)), torch.zeros_like(a)
     return lean, force * lean, -torch.atan(lean) / bar.twist(a, a), (none, none, none, none, none)
 
 
@@ -168,7 +169,7 @@ def groove_law(width: Tensor) -> tuple[Tensor, Tensor]:
     return STEEP_AT[at - 1] + share * (STEEP_AT[at] - STEEP_AT[at - 1]), START_AT[at - 1] + share * (START_AT[at] - START_AT[at - 1])
 
 
-def held(pull: Tensor, hold: Tensor, width: Tensor, first: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def held(pull: Tensor, hold: Tensor, width: Tensor, first: float | Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """m / M of a sphere in its groove, where it lies from the groove's nodes, by how many grooves it moved on, and whether at a jump.
 
     Solves z = pull - hold m(z) / M with the law of the groove.
@@ -177,7 +178,7 @@ def held(pull: Tensor, hold: Tensor, width: Tensor, first: float) -> tuple[Tenso
         pull: (P,) where it would be without grooves, from the nodes of the groove where it starts, in distances of rows
         hold: (P,) how far m = M moves it, likewise; above 0
         width: (P,) half-width of the touch, likewise
-        first: where it first touched, likewise; -1 to 1
+        first: where it first touched, likewise; -1 to 1; one number or (P,)
     """
     steep, start = groove_law(width)
     knee = (2 + steep * start) / (2 + steep)  # where the law is at its highest
@@ -185,7 +186,7 @@ def held(pull: Tensor, hold: Tensor, width: Tensor, first: float) -> tuple[Tenso
     highest = torch.where(stiff, 1.0, knee + 2 * hold * (1 - knee))  # pull that is just held
     moved = torch.sign(pull) * torch.ceil((pull.abs() - highest) / 2).clamp(min=0)
     rest = pull - 2 * moved
-    begun = torch.where(start > 0, 1.0 if first >= 0 else -1.0, torch.sign(rest))
+    begun = torch.where(start > 0, torch.where(torch.as_tensor(first) >= 0, 1.0, -1.0), torch.sign(rest))
     side = torch.where(moved == 0, begun, -torch.sign(moved))
     side = torch.where(side == 0, 1.0, side)
     foot = steep * start / (steep + 2)  # below it the law is that of the nodes' row, -2 z
