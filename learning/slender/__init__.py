@@ -7,5 +7,6 @@
     samples      trajectories as tables of poses and sections
     model        a trained network with its scales, on disk and applied to poses
     path         all frames of a scene: a few poses, splines in time, nodes
+    many         some frames of many paths of one beam
     calibration  how far off a frame may be
 """

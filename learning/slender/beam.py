@@ -18,8 +18,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
+from learning.slender.touch import first_touch, groove
 from physics.scene import Scene
 from physics.schema import InputError
 
@@ -68,8 +71,12 @@ class Beam:
     @property
     def first_touch(self) -> float:
         """The fraction of the path at which the obstacle reaches the face at rest; 0 where it starts there, 1 where it never does."""
-        low, high = (place[2] - self.radius - self.extent[2] / 2 for place in (self.start, self.end))
-        return 0.0 if low <= 0 else 1.0 if high >= 0 else float(low / (low - high))
+        return first_touch(*self.ends, self.radius, self.extent[2]).item()
+
+    @property
+    def ends(self) -> tuple[Tensor, Tensor]:
+        """(3,) start and end, in double precision."""
+        return torch.as_tensor(self.start), torch.as_tensor(self.end)
 
     @property
     def row(self) -> float:
@@ -79,9 +86,8 @@ class Beam:
     @property
     def groove(self) -> tuple[float, float]:
         """Where the obstacle first touches, and the row of nodes nearest to that [m], from the middle of the section."""
-        beside, cell = float(self.centre(np.array([self.first_touch]))[0, 1]), 2 * self.row
-        shift = self.cells[1] % 2 / 2
-        return beside, float((np.round(beside / cell - shift) + shift) * cell)
+        beside, nodes = groove(*self.ends, torch.tensor(self.first_touch, dtype=torch.float64), self.row, self.cells[1])
+        return beside.item(), nodes.item()
 
     def mirrored(self) -> Beam:
         """The same beam seen from the frame with y turned round."""

@@ -83,6 +83,22 @@ class Bent:
     jumps: Tensor
 
 
+def first_touch(start: Tensor, end: Tensor, radius: float | Tensor, height: float) -> Tensor:
+    """(...) fraction of a path from `start` to `end` (..., 3) at which the obstacle reaches the face at rest; 0 where it starts there,
+    1 where it never does."""
+    low, high = (place[..., 2] - radius - height / 2 for place in (start, end))
+    share = torch.where(low > high, low / (low - high), 0.0)
+    return torch.where(low <= 0, 0.0, torch.where(high >= 0, 1.0, share))
+
+
+def groove(start: Tensor, end: Tensor, touched: Tensor, row: float, cells: int) -> tuple[Tensor, Tensor]:
+    """(...) where an obstacle first touches, at the fraction `touched` of its path, and the row of nodes nearest to that [length], from
+    the middle of a section that is so many cells wide, each two distances of rows."""
+    beside = start[..., 1] + touched * (end[..., 1] - start[..., 1])
+    shift = cells % 2 / 2
+    return beside, (torch.round(beside / (2 * row) - shift) + shift) * (2 * row)
+
+
 def press(x: Tensor, centre: Tensor, obstacle: Obstacle, bar: Bar) -> Bent:
     """The beam under an obstacle at some poses.
 
