@@ -1,4 +1,4 @@
-"""What the command line does with networks: segment, train, rollout, evaluate, pareto; wiring only.
+"""What the command line does with networks: segment, train, rollout, sweep, evaluate, pareto; wiring only.
 
 Each function takes the options of its verb, `say` for lines to the reader, and `writable`, which checks the path of an output
 before any work; what it returns is printed as JSON when that is asked for.
@@ -52,6 +52,18 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add = verb("rollout", rollout, "run", "trajectory").add_argument
     add("--out", required=True, help="trajectory, .vtkhdf")
     add("--correct", type=positive, metavar="K", help="follow each predicted frame by K Newton steps, and go on from there")
+    add = verb("sweep", sweep, "scene").add_argument
+    add("--predictor", required=True, metavar="RUN", help="folder of a trained predictor of beams by sections")
+    add("--out", required=True, help="results, .h5")
+    add("--vary", nargs="+", action="extend", default=[], metavar="KEY=LOW:HIGH", help="a value of the obstacle that varies: "
+                                                                                      "between two numbers, or KEY=A,B,C in turn")
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="values of the scene changed: body.length=0.12")
+    add("--count", type=positive, help="paths (all points, where values vary in turn alone)")
+    add("--seed", type=count, default=0)
+    add("--frames", metavar="N,N", help="frames that are kept, the rest state being 0 (the last)")
+    add("--nodes", metavar="PLACE", help="nodes that are kept: the name of a place, x-max, or numbers N,N (all)")
+    add("--unsure", choices=("keep", "solve"), default="keep", help="solve paths by finite elements where the predictor is unsure at "
+                                                                    "a kept frame (keep)")
     add = verb("evaluate", evaluate, "run").add_argument
     add("--data", required=True, help="folder of a data set")
     add("--split", default="test")
@@ -136,6 +148,38 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
     error = rmse(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
     say(f"{len(prediction.displacement) - 1} steps, RMSE over all of them {1e3 * error:.3f} mm: {out}")
     return {"steps": len(prediction.displacement) - 1, "rmse_all": error, **prediction.extra}
+
+
+def sweep(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """Many obstacle paths for one body, predicted at once."""
+    import time
+
+    from learning.prediction.sweep import sweep as run
+    from learning.prediction.sweep import write_sweep
+
+    out, start = writable(options.out, ".h5"), time.perf_counter()
+    part = out.with_name(out.name + ".part")
+    found = run(options.scene, options.predictor, vary=options.vary, changes=options.set, count=options.count, seed=options.seed,
+                frames=None if options.frames is None else _numbers("--frames", options.frames),
+                nodes=_numbers("--nodes", options.nodes) if options.nodes and options.nodes[0].isdigit() else options.nodes,
+                solve_unsure=options.unsure == "solve", journal=part, say=say)
+    write_sweep(out, found)
+    part.unlink()
+    rows, seconds = found.rows, time.perf_counter() - start
+    result = {"paths": len(rows.state), "varied": list(found.varied), "frames": found.frames.tolist(), "nodes": len(found.nodes),
+              "unsure": int(rows.unsure.any(axis=1).sum()), "solved": int((rows.state == 1).sum()),
+              "unsolved": int((rows.state == -1).sum()), "largest": float(rows.largest.max()), "seconds": seconds}
+    say(f"{result['paths']} paths in {seconds:.1f} s, largest displacement {1e3 * result['largest']:.4g} mm; the predictor is unsure of "
+        f"{result['unsure']}, {result['solved']} solved by finite elements"
+        + (f", {result['unsolved']} without an equilibrium that they found" if result["unsolved"] else "") + f": {out}")
+    return result
+
+
+def _numbers(option: str, text: str) -> list[int]:
+    entries = [entry.strip() for entry in text.split(",")]
+    if not all(entry.isdigit() and len(entry) < 10 for entry in entries):
+        raise InputError(f"{option} {text}: must be whole numbers with commas between")
+    return [int(entry) for entry in entries]
 
 
 def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:

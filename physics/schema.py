@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import math
 import os
 import tomllib
@@ -108,7 +109,7 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
     if not isinstance(table, dict):
         raise InputError(f"{where or 'the file'} must be a table, not {_name(table)}")
     fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    hints = typing.get_type_hints(kind)
+    hints = _hints(kind)  # type: ignore[arg-type]
     for key in table:
         if key not in fields:
             of_shape = getattr(kind, "keys_for", None)
@@ -124,6 +125,11 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
         if "bound" in field.metadata and values[name] is not None:
             field.metadata["bound"].check(values[name], _at(where, name))
     return kind(**values)
+
+
+@functools.cache
+def _hints(kind: type) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
 
 
 def to_table(value: Any) -> Any:

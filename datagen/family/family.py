@@ -121,9 +121,7 @@ def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
     Raises:
         InputError: a range is wrong, or the scene is
     """
-    key = (seed, index, attempt)
-    at_point, _ = _on_grid(family.table, index % LARGEST_SPLIT, "")
-    table = _drawn(_with_case(at_point, key), "", key)
+    table = drawn(family, seed, index, attempt)
     body = table.get("body")
     if isinstance(body, dict) and isinstance(body.get("path"), str):
         body["path"] = str(family.folder / body["path"])
@@ -131,6 +129,14 @@ def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
     if isinstance(obstacle, dict) and "place" in obstacle:
         table["obstacle"] = placed(table)
     return read_scene(table)
+
+
+def drawn(family: Family, seed: int, index: int, attempt: int = 0) -> dict[str, Any]:
+    """The table of `draw` before it is read: its ranges are numbers, its obstacle still has a place. Raises `InputError`."""
+    key = (seed, index, attempt)
+    at_point, _ = _on_grid(family.table, index % LARGEST_SPLIT, "")
+    table: dict[str, Any] = _drawn(_with_case(at_point, key), "", key)
+    return table
 
 
 def points(value: Any, where: str = "") -> int:

@@ -13,11 +13,12 @@ with r the reach of the obstacle towards the face and the tilts (a1, a2) of the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from physics.contact.obstacles import Rigid
 from physics.scene import PLACES, Body, Obstacle, read_scene
+from physics.scene.rules import complete
 from physics.schema import InputError, quantity, read_table
 
 EXTENTS = ("length", "width", "height")
@@ -43,7 +44,26 @@ def placed(table: dict[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: the place is wrong, or there is a path as well
     """
-    obstacle = dict(table["obstacle"])
+    obstacle, place = _turned(table["obstacle"])
+    # Read and check all but the path, which needs the body's extent and the obstacle's size.
+    scene = read_scene({**table, "obstacle": {**obstacle, "path": [[0.0, 0.0, 0.0]]}})
+    assert scene.obstacle is not None
+    return {**obstacle, "path": _path(place, scene.body, scene.obstacle)}
+
+
+def placed_on(body: Body, obstacle: dict[str, Any]) -> Obstacle:
+    """An obstacle's table, with a place or with a path, on a body that is known; raises `InputError` as `placed` does."""
+    place = None
+    if "place" in obstacle:
+        obstacle, place = _turned(obstacle)
+        obstacle["path"] = [[0.0, 0.0, 0.0]]
+    found = complete(read_table(Obstacle, obstacle, "obstacle"))
+    return found if place is None else replace(found, path=tuple((x, y, z) for x, y, z in _path(place, body, found)))
+
+
+def _turned(obstacle: dict[str, Any]) -> tuple[dict[str, Any], Place]:
+    """An obstacle's table without its place, with the axis or normal that this gives it; and the place."""
+    obstacle = dict(obstacle)
     if "path" in obstacle:
         raise InputError("obstacle: give either path or place")
     place = read_table(Place, obstacle.pop("place"), "obstacle.place")
@@ -58,10 +78,7 @@ def placed(table: dict[str, Any]) -> dict[str, Any]:
     if obstacle.get("shape") == "half-space" and "normal" not in obstacle:
         obstacle["normal"] = [0.0, 0.0, 0.0]
         obstacle["normal"][normal] = 1.0 if place.face.endswith("min") else -1.0
-    # Read and check all but the path, which needs the body's extent and the obstacle's size.
-    scene = read_scene({**table, "obstacle": {**obstacle, "path": [[0.0, 0.0, 0.0]]}})
-    assert scene.obstacle is not None
-    return {**obstacle, "path": _path(place, scene.body, scene.obstacle)}
+    return obstacle, place
 
 
 def _path(place: Place, body: Body, obstacle: Obstacle) -> list[list[float]]:

@@ -6,5 +6,6 @@
     rollout      a network walking through a trajectory
     rivals       what knows nothing, and finite elements at several meshes
     surrogates   trained networks, alone and corrected by Newton steps
+    sweep        many obstacle paths for one body at once
     foreign      what users bring along: folders of files, functions
 """

@@ -103,9 +103,10 @@ def _section(beam: Beam, x: Tensor, obstacle: Obstacle, centre: Tensor, bent: Be
     push = bent.push[:, None] + SMALLEST * length
     from_touch = (x - bent.touch[:, None]) / height
     under = (x - bent.drawn_in - centre[:, :1]) / torch.as_tensor(obstacle.radius, dtype=x.dtype)[..., None]
+    below = torch.sqrt((1 - under**2).clamp(min=TINY))
     columns = [x / length, bent.deflection / push, bent.rotation * length / push, bent.rotation, bent.drawn_in * length / push**2,
                torch.exp(-x / height), torch.exp(-3 * x / height), torch.exp(-(length - x) / height),
-               torch.exp(-3 * (length - x) / height), torch.tanh(from_touch), torch.tanh(from_touch / 3), torch.sqrt((1 - under**2).clamp(min=TINY)),
+               torch.exp(-3 * (length - x) / height), torch.tanh(from_touch), torch.tanh(from_touch / 3), below,
                *(torch.exp(-((from_touch / width) ** 2)) for width in WIDTHS)]
     return torch.stack([column.expand_as(bent.deflection) for column in columns], dim=2)
 

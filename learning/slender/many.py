@@ -26,12 +26,12 @@ from learning.slender.path import knots
 from learning.slender.touch import Obstacle, first_touch, groove
 
 Floats = NDArray[np.floating[Any]]
-POSES = 1024  # in a batch
+POSES, NUMBERS = 1024, 20_000_000  # in a batch, at most
 
 
 @dataclass(frozen=True)
 class Paths:
-    """Paths of one beam: start, end (n, 3) of the obstacle's centre in the beam's frame, radius, turn (n,), which replace the beam's own."""
+    """Paths of one beam: start, end (n, 3) of the obstacle's centre in the beam's frame, radius, turn (n,), in place of the beam's own."""
 
     beam: Beam
     start: Tensor
@@ -79,9 +79,10 @@ def alike(beams: Sequence[Beam]) -> Iterator[tuple[NDArray[np.int64], Paths]]:
         yield np.array(members), Paths(some[0], start, end, radius, turn)
 
 
-def per_batch(model: Slender, last_only: bool) -> int:
+def per_batch(model: Slender, frames: Floats, nodes: int) -> int:
     """How many paths are worth a batch."""
-    return max(1, POSES // (1 if last_only else model.config.poses))
+    poses = 1 if (frames == 1).all() else model.config.poses
+    return max(1, min(POSES // poses, NUMBERS // (3 * nodes * len(frames))))
 
 
 def predict_many(model: Slender, paths: Paths, frames: Floats) -> Frames:

@@ -13,7 +13,7 @@ from physics.schema import InputError
 PLACE = re.compile(r"[A-Za-z_][\w-]*(\[\d+\])*(\.[A-Za-z_][\w-]*(\[\d+\])*)*")
 
 
-def change(table: dict[str, Any], changes: Sequence[str]) -> None:
+def change(table: dict[str, Any], changes: Sequence[str], option: str = "--set") -> None:
     """Put values into a table as `tomllib` gives it; what cannot be read as a TOML value is taken as a string.
 
     Raises:
@@ -22,31 +22,32 @@ def change(table: dict[str, Any], changes: Sequence[str]) -> None:
     for text in changes:
         place, equals, value = (part.strip() for part in text.partition("="))
         if not equals or not PLACE.fullmatch(place):
-            raise InputError(f"--set {text}: must be KEY=VALUE, such as obstacle.radius=0.012")
+            raise InputError(f"{option} {text}: must be KEY=VALUE, such as obstacle.radius=0.012")
         steps = [int(number) if number else key for key, number in re.findall(r"([A-Za-z_][\w-]*)|\[(\d+)\]", place)]
         at: Any = table
         for step, following in pairwise(steps):
             if isinstance(step, str) and isinstance(at, dict) and isinstance(following, str):
                 at.setdefault(step, {})
-            at = _entry(at, step, text)
+            at = _entry(at, step, f"{option} {text}")
         if isinstance(at, dict) and isinstance(steps[-1], str):
-            at[steps[-1]] = _value(value)
+            at[steps[-1]] = toml_value(value)
         else:
-            _entry(at, steps[-1], text)
-            at[steps[-1]] = _value(value)
+            _entry(at, steps[-1], f"{option} {text}")
+            at[steps[-1]] = toml_value(value)
 
 
 def _entry(table: Any, step: str | int, text: str) -> Any:
     if isinstance(step, str):
         if isinstance(table, dict) and step in table:
             return table[step]
-        raise InputError(f"--set {text}: there is no {step} there")
+        raise InputError(f"{text}: there is no {step} there")
     if isinstance(table, list) and step < len(table):
         return table[step]
-    raise InputError(f"--set {text}: there is no entry [{step}] there")
+    raise InputError(f"{text}: there is no entry [{step}] there")
 
 
-def _value(text: str) -> Any:
+def toml_value(text: str) -> Any:
+    """What TOML makes of a text; the text itself where it makes nothing of it."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
