@@ -82,6 +82,16 @@ def test_after_a_kill_the_same_call_goes_on_and_ends_with_the_same_bits(tmp_path
         sweep(PRESS, RUN, vary=ALONG, count=14, seed=1, journal=tmp_path / "part")
 
 
+def test_its_force_is_that_of_beam_theory_for_this_material():
+    """A long cantilever hardly bent: F = 3 E I w / a^3 where it is pressed, at a = 0.9 of its length, but for shear and indentation."""
+    table = PRESS | {"body": {"length": 0.25, "width": 0.024, "height": 0.024, "cells": [48, 4, 4]}, "material": {
+        "young_modulus": 2e6, "poisson_ratio": 0.4}}
+    table["obstacle"] = {"shape": "cylinder", "radius": 0.012, "path": [[0.225, 0.012, 0.037], [0.225, 0.012, 0.034]]}
+    found = sweep(table, RUN, vary=["obstacle.path[1][2]=0.0339,0.0341"], frames=[20, 0])
+    expected = 3 * 2e6 * 0.024**4 / 12 * np.array([2.1e-3, 1.9e-3]) / 0.225**3
+    assert np.allclose(found.rows.force[:, 0], expected, rtol=0.03) and not found.rows.force[:, 1].any()
+
+
 @pytest.mark.parametrize("frames", ([20], [7, 20]))
 def test_where_the_predictor_is_unsure_finite_elements_answer_and_the_count_is_said_before(frames, tmp_path):
     told: list[str] = []
@@ -94,6 +104,7 @@ def test_where_the_predictor_is_unsure_finite_elements_answer_and_the_count_is_s
     truth = solve(found.scene(1)).displacement[frames]
     assert np.allclose(found.rows.displacement[1], truth, atol=1e-6)  # fewer steps to the last frame: equilibria to the solver's tolerance
     assert np.allclose(found.rows.largest[1], np.linalg.norm(truth, axis=2).max(axis=1), atol=1e-6)
+    assert np.allclose(found.rows.force[1], np.linalg.norm(solve(found.scene(1)).reaction[frames], axis=1), rtol=1e-3)
     assert abs(alone.rows.displacement[1] - truth).max() > 1e-5  # so it is not the prediction
     again = sweep(PRESS, RUN, **asked, solve_unsure=True, say=told.append, journal=tmp_path / "part")
     assert same(found, again) and told[1].startswith("0 of 2")
@@ -140,8 +151,8 @@ def test_the_verb_writes_its_file_and_says_what_is_in_it(tmp_path, monkeypatch, 
 
     monkeypatch.chdir(tmp_path)
     Path("press.toml").write_text(tomli_w.dumps(PRESS))
-    assert fidelity.main(["sweep", "press.toml", "--vary", *ALONG, "--count", "7", "--seed", "2", "--predictor", str(RUN), "--nodes", "x-max",
-                          "--out", "s.h5", "--json"]) == 0
+    assert fidelity.main(["sweep", "press.toml", "--vary", *ALONG, "--count", "7", "--seed", "2", "--predictor", str(RUN),
+                          "--nodes", "x-max", "--out", "s.h5", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["paths"] == 7 and told["frames"] == [20] and told["nodes"] == 25 and told["solved"] == 0
     with h5py.File("s.h5") as file:

@@ -2,6 +2,7 @@
 
     SWEEP.h5    displacement (n, F, M, 3) [m], single precision, of the nodes (M,) at the frames (F,), datasets of these names
                 largest (n, F) [m] displacement of any node of the body at the frame
+                force (n, F) [N] of the obstacle: beam theory's, which is less than the elements' (docs/network.md), or theirs
                 bar (n, F) [m] error bar, and unsure (n, F), as in a rollout (docs/network.md): what the predictor says of itself
                 state (n,) 0 predicted, 1 solved by finite elements, -1 they found no equilibrium and the prediction stands
                 path (n, 2, 3) [m] ends of the obstacle's path
@@ -54,6 +55,7 @@ class Rows:
 
     displacement: NDArray[np.float32]
     largest: Floats
+    force: Floats
     bar: Floats
     unsure: NDArray[np.bool_]
     state: NDArray[np.int8]
@@ -127,7 +129,8 @@ def sweep(scene: str | Path | dict[str, Any], run: str | Path, *, vary: Sequence
                     if not store.has(some):
                         found = predict_many(model, paths[begin:begin + batch], fractions)
                         far = np.sqrt(np.square(found.displacement).sum(axis=3).max(axis=2)).astype(float)
-                        store.add(some, Rows(found.displacement[:, :, chosen], far, found.bar, found.unsure,
+                        force = variation.first.material.young_modulus * found.force
+                        store.add(some, Rows(found.displacement[:, :, chosen], far, force, found.bar, found.unsure,
                                              np.full(len(some), PREDICTED, np.int8)))
                     bar.update(len(some))
         if solve_unsure:
@@ -237,8 +240,9 @@ def _solve(variation: Variation, seed: int, mesh: Mesh, frames: NDArray[np.int64
         final = bool((frames == one.steps.count).all())
         solution = solve(one, mesh=mesh, final=final, partial=True)
         state, some = UNSOLVED, slice(number, number + 1)
-        displacement, largest = rows.displacement[some], rows.largest[some]
+        displacement, largest, force = rows.displacement[some], rows.largest[some], rows.force[some]
         if not solution.failure:
-            state, path = SOLVED, solution.displacement[-1:].repeat(len(frames), 0) if final else solution.displacement[frames]
+            state, kept = SOLVED, np.full(len(frames), -1) if final else frames
+            path, force = solution.displacement[kept], np.linalg.norm(solution.reaction[kept], axis=1)[None]
             displacement, largest = path[None][:, :, nodes].astype(np.float32), np.sqrt((path**2).sum(axis=2).max(axis=1))[None]
-        store.add(np.array([number]), Rows(displacement, largest, rows.bar[some], rows.unsure[some], np.array([state], np.int8)))
+        store.add(np.array([number]), Rows(displacement, largest, force, rows.bar[some], rows.unsure[some], np.array([state], np.int8)))

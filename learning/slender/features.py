@@ -34,7 +34,8 @@ SMALLEST = 1e-6  # of the beam's length, of a depth that is divided by
 @dataclass(frozen=True)
 class Seen:
     """Some poses of one beam: pose (P, A) and section (P, S, B) features; base (P, S, 3, 6) [m], unit (P, S) [m]
-    depth (P,) [m] of the obstacle, and jumps (P,) True where a sphere has left its groove at a jump."""
+    depth (P,) [m] of the obstacle, and jumps (P,) True where a sphere has left its groove at a jump; force (P,) [m2] of the obstacle
+    over Young's modulus, by theory."""
 
     pose: Tensor
     section: Tensor
@@ -42,6 +43,7 @@ class Seen:
     unit: Tensor
     depth: Tensor
     jumps: Tensor
+    force: Tensor
 
 
 def shown(beam: Beam, fraction: np.ndarray) -> Seen:
@@ -56,7 +58,7 @@ def look(beam: Beam, centre: Tensor, obstacle: Obstacle | None = None) -> Seen:
     bar = Bar(*beam.extent, beam.poisson_ratio, beam.held_at_both)
     bent = press(x, centre, obstacle, bar)
     return Seen(_pose(beam, bar, obstacle, centre, bent), _section(beam, x, obstacle, centre, bent), _base(beam, bent),
-                bent.depth[:, None] * _envelope(beam, x), bent.depth, bent.jumps)
+                bent.depth[:, None] * _envelope(beam, x), bent.depth, bent.jumps, bent.force * bar.second_moment)
 
 
 def obstacle_of(beam: Beam) -> Obstacle:

@@ -60,11 +60,13 @@ class Paths:
 
 @dataclass(frozen=True)
 class Frames:
-    """displacement (n, F, N, 3) [m]; bar (n, F) [m] and unsure (n, F) as those of a `path.Path`."""
+    """displacement (n, F, N, 3) [m]; bar (n, F) [m] and unsure (n, F) as those of a `path.Path`; force (n, F) [m2] of the obstacle over
+    Young's modulus, by theory."""
 
     displacement: NDArray[np.float32]
     bar: Floats
     unsure: NDArray[np.bool_]
+    force: Floats
 
 
 def alike(beams: Sequence[Beam]) -> Iterator[tuple[NDArray[np.int64], Paths]]:
@@ -97,18 +99,19 @@ def predict_many(model: Slender, paths: Paths, frames: Floats) -> Frames:
         coefficients, doubt = model.answer(seen)
         strange = model.strange(seen)
     said = coefficients.numpy().reshape(len(paths), len(share), -1)
-    bars, unlike = (each.numpy().reshape(len(paths), -1).astype(float) for each in (doubt, strange))
+    bars, unlike, force = (each.numpy().reshape(len(paths), -1).astype(float) for each in (doubt, strange, seen.force))
     if len(share) > 1:
         where = (frames - start) / (1 - start)  # (n, F) in the range of the poses
         weights = CubicSpline(share, np.eye(len(share)))(where).astype(np.float32)
         said = weights @ said
-        bars, unlike = (np.stack([np.interp(*each) for each in zip(where, [share] * len(where), values, strict=True)])
-                        for values in (bars, unlike))
+        bars, unlike, force = (np.stack([np.interp(*each) for each in zip(where, [share] * len(where), values, strict=True)])
+                               for values in (bars, unlike, force))
     else:
-        said, bars, unlike = (np.repeat(each, len(frames), axis=1) for each in (said, bars, unlike))
+        said, bars, unlike, force = (np.repeat(each, len(frames), axis=1) for each in (said, bars, unlike, force))
     rest = frames <= touched[:, None]
     nodes = beam.nodes(said.reshape(-1, *coefficients.shape[1:])).reshape(len(paths), len(frames), -1, 3)
     nodes[rest] = 0
     factor = model.scales.bar.item()
     bars = np.where(rest, 0.0, factor * bars if np.isfinite(factor) else np.inf)
-    return Frames(nodes, bars, ~rest & ((unlike > 0) | (bars > model.config.unsure_above)))
+    unsure = ~rest & ((unlike > 0) | (bars > model.config.unsure_above))
+    return Frames(nodes, bars, unsure, np.where(rest, 0.0, force))

@@ -100,7 +100,7 @@ def sample_of(trajectory: Trajectory, frames: int) -> Sample | None:
 def seen_of(sample: Sample) -> Seen:
     """The sample as features of which the base is zero, so that a model's answer is to be the target."""
     return Seen(sample.pose, sample.section, torch.zeros(*sample.unit.shape, 3, FUNCTIONS), sample.unit, sample.depth,
-                torch.zeros(len(sample.depth), dtype=torch.bool))
+                torch.zeros(len(sample.depth), dtype=torch.bool), torch.zeros(len(sample.depth)))
 
 
 def mirror_signs() -> Tensor:
