@@ -23,7 +23,7 @@ from typing import Any
 _PUBLIC = {
     "M4GN": "networks.m4gn", "Model": "prediction.checkpoint", "TrainConfig": "config", "compare": "report.compare",
     "evaluate": "report.evaluate",
-    "gradient": "slender.gradient", "load_config": "config", "load_model": "prediction.checkpoint", "rollout": "prediction.rollout",
+    "gradient": "prediction.gradient", "load_config": "config", "load_model": "prediction.checkpoint", "rollout": "prediction.rollout",
     "segment": "segments.cut", "segment_quality": "segments.quality", "sweep": "prediction.sweep",
     "train": "training.kinds",
 }

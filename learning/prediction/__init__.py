@@ -7,5 +7,6 @@
     rivals       what knows nothing, and finite elements at several meshes
     surrogates   trained networks, alone and corrected by Newton steps
     sweep        many obstacle paths for one body at once
+    gradient     how the end of a path depends on the path
     foreign      what users bring along: folders of files, functions
 """

@@ -8,6 +8,5 @@
     model        a trained network with its scales, on disk and applied to poses
     path         all frames of a scene: a few poses, splines in time, nodes
     many         some frames of many paths of one beam
-    gradient     derivatives by the path and the radius
     calibration  how far off a frame may be
 """
