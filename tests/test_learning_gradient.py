@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from learning.prediction.checkpoint import load_model
-from learning.slender.beam import see
 from learning.prediction.gradient import gradient
+from learning.slender.beam import see
 from learning.slender.path import predict
 from physics import build_mesh, read_scene, solve
 from physics.schema import InputError
