@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add("--html", metavar="FILE", help="a page in which the modes are turned by hand, .html")
     add = verb("simulate", simulate, "scene").add_argument
     add("--out", required=True, help="trajectory, .vtkhdf")
+    add("--fields", choices=("stress",), help="stress: also the stress tensor and von Mises stress at the nodes, in all frames")
     add("--html", metavar="FILE", help="a page in which the path is turned and followed by hand, .html")
 
 
@@ -108,6 +110,7 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
 
 def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
     """The path of a scene, through equilibria or through time, by finite elements."""
+    from datagen.files.fields import stress_fields
     from datagen.files.trajectory import unfinished, write_trajectory
     from datagen.sets.generate import trajectory_of
     from physics.scene import load_scene
@@ -128,6 +131,8 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
                          spread=processes > 1)
     trajectory = trajectory_of(scene, solution=solution)
     if rank == 0:
+        if options.fields:
+            trajectory = replace(trajectory, fields=stress_fields(scene, solution, trajectory))
         write_trajectory(out, trajectory)
         if html is not None:
             write_path(html, f"The path of {Path(options.scene).name}", trajectory)

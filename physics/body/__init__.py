@@ -5,6 +5,7 @@
     kernel       W and its derivatives for eight cells at once, compiled
     elasticity   energy, forces, tangent stiffness and mass of a body
     lumped       the same with a lumped mass added to the stiffness
-    stress       Piola-Kirchhoff and von Mises stress
+    stress       Piola-Kirchhoff, Cauchy and von Mises stress
+    recovery     stress at the nodes, from that at the cells' centres
     supports     what is held and loaded, and which rigid motions that leaves
 """

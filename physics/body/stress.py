@@ -40,12 +40,21 @@ def first_piola(F: Floats, material: Material) -> Floats:
     return kernel.forces(columns, lame(material)).reshape(-1, 3, 3).transpose(0, 2, 1)
 
 
-def von_mises(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
-    """(C,) von Mises stress [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
+def cauchy(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
+    """(C, 3, 3) sigma [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
     F = deformation(mesh, displacement)
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = first_piola(F, material)
-        if material.law != "linear":
-            sigma = sigma @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        return sigma if material.law == "linear" else sigma @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+
+
+def von_mises_of(sigma: Floats) -> Floats:
+    """(M,) von Mises stress [Pa] of tensors (M, 3, 3)."""
+    with np.errstate(invalid="ignore"):
         deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
         return np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
+
+
+def von_mises(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
+    """(C,) von Mises stress [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
+    return von_mises_of(cauchy(mesh, displacement, material))
