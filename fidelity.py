@@ -79,7 +79,7 @@ def view(options: Options) -> dict[str, Any]:
     """A film of a trajectory, or a page in which it is turned by hand."""
     from datagen.files.trajectory import read_sound
     from datagen.scene_verbs import write_path
-    from physics.view import Obstacle, film
+    from physics.view import ObstacleSurface, film
 
     trajectory = read_sound(options.trajectory, complete=False)
     out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif", ".html")
@@ -87,7 +87,7 @@ def view(options: Options) -> dict[str, Any]:
         write_path(out, Path(options.trajectory).name, trajectory)
         _say(options, f"page: {out}")
         return {"html": str(out)}
-    surface = None if trajectory.obstacle is None else Obstacle(*trajectory.obstacle)
+    surface = None if trajectory.obstacle is None else ObstacleSurface(*trajectory.obstacle)
     frames = film(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], obstacle=surface)
     _say(options, f"{frames} pictures: {out}")
     return {"pictures": frames, "out": str(out)}
@@ -190,9 +190,7 @@ def _parser() -> argparse.ArgumentParser:
     added = verb("generate", generate, "family")
     add = added.add_argument
     add("--out", help="folder")
-    number = added.add_mutually_exclusive_group().add_argument
-    number("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
-    number("--all", action="store_true", help="the family's own number, as without --count")
+    add("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
     add("--split", help="only train, valid or test")
     add("--seed", type=_seed, default=0)
     add("--workers", type=_positive, help="processes (one for each core)")

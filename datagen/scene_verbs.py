@@ -165,14 +165,15 @@ def write_path(html: Path, title: str, trajectory: Any) -> None:
     """The page of a trajectory: its path to be turned and followed by hand, with stress where it has a scene. Raises `InputError`."""
     from datagen.files.trajectory import as_solved
     from physics.scene import Scene
-    from physics.view import Obstacle, path_exhibit, write_page
+    from physics.view import ObstacleSurface, path_exhibit, write_page
 
     path, obstacle, facts = trajectory.displacement[:, trajectory.body], trajectory.obstacle, trajectory.extra.get("model", {})
     steps, material = len(path) - 1, None
     if trajectory.scene:
         scene = Scene.from_toml(trajectory.scene)
         steps, material = scene.steps.count, as_solved(scene, trajectory, len(path) - 1).material
-    shown = path_exhibit(html.stem, trajectory.mesh, {"path": path}, material, obstacle=obstacle and Obstacle(*obstacle), steps=steps,
+    shown = path_exhibit(html.stem, trajectory.mesh, {"path": path}, material,
+                         obstacle=obstacle and ObstacleSurface(*obstacle), steps=steps,
                          step_seconds=trajectory.extra.get("step_seconds"))
     write_page(html, title, [shown], {
         "mesh": f"{len(trajectory.mesh.points)} nodes, {len(trajectory.mesh.cells)} cells of the kind {trajectory.mesh.cell}",

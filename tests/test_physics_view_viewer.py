@@ -12,7 +12,7 @@ from PIL import Image
 from physics.mesh.build import build_mesh
 from physics.scene import Body, Material
 from physics.view import viewer as module
-from physics.view.drawing import Obstacle
+from physics.view.drawing import ObstacleSurface
 from physics.view.exhibit import Exhibit, Motion, mode_exhibit, path_exhibit
 from physics.view.viewer import section, write_page
 from tests.chromium import MISSING, PROGRAM, Chromium
@@ -41,7 +41,7 @@ def exhibits() -> list[Exhibit]:
     worst = {"guess": wrong()[7:8], "fe": bent()[7:8]}
     return [path_exhibit(HARD, MESH, paths, RUBBER, truth="fe"),
             path_exhibit("worst", MESH, worst, RUBBER, truth="fe", first=7, steps=STEPS),
-            path_exhibit("pressed", MESH, {"fe": bent()}, RUBBER, obstacle=Obstacle(
+            path_exhibit("pressed", MESH, {"fe": bent()}, RUBBER, obstacle=ObstacleSurface(
                 np.tile([[[0.05, 0, 0.05], [0.09, 0, 0.05], [0.07, 0.02, 0.05]]], (STEPS + 1, 1, 1)), np.array([[0, 1, 2]])))]
 
 

@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from physics.equilibrium.newton import TOLERANCE
-from physics.equilibrium.state import NoEquilibrium
 from physics.mesh.mesh import Mesh
 from physics.mesh.transfer import interpolate
-from physics.reduced.model import Reduced
 from physics.scene import Scene, Steps
 from physics.solution import solve
 
@@ -100,25 +98,6 @@ def elements(name: str, *, halvings: int = 0, fewer: int = 1, tolerance: float =
         return Prediction(path=path, seconds=seconds + time.process_time() - started, set_up=set_up, iterations=iterations)
 
     return Predictor(name, "reference" if name == REFERENCE else "fe", predict)
-
-
-def reduced(name: str, *, fewer: int = 1) -> Predictor:
-    """The reduced-order model of physics.reduced.model, on request in so many times fewer steps."""
-
-    def predict(case: Case) -> Prediction:
-        count = max(1, round(case.steps / fewer))
-        started = time.process_time()
-        model = Reduced(case.scene, case.mesh)
-        set_up = time.process_time() - started
-        try:
-            path = model.path(count)
-        except NoEquilibrium as error:
-            raise LeftOut(f"{error}") from None
-        if count != case.steps:
-            path = between(path, case.steps)
-        return Prediction(path=path, seconds=time.process_time() - started - set_up, set_up=set_up, iterations=model.iterations)
-
-    return Predictor(name, "reduced", predict)
 
 
 def follow(scene: Scene, tolerance: float = TOLERANCE) -> tuple[Mesh, Floats, float, float, int]:

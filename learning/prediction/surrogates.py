@@ -24,6 +24,7 @@ from physics.fidelity.correct import Corrector
 from physics.mesh.mesh import Mesh
 from physics.modes.elastic import elastic_modes
 from physics.scene import Scene
+from physics.schema import InputError
 
 
 def learned(model: Model, name: str = "M4GN", *, single_steps: bool = True) -> Predictor:
@@ -59,17 +60,20 @@ def corrected(model: Model, count: int | None, name: str = "M4GN") -> Predictor:
     return Predictor(f"{name}, {how}", "hybrid", predict)
 
 
-def estimated(name: str = "M4GN") -> Predictor:
-    """What a network with scheme = "pose" corrects, without the network: nothing of it is learned."""
+def estimated(name: str) -> Predictor:
+    """The reduced-order model: what a network with estimate = true corrects, without the network. Nothing of it is learned."""
 
     def predict(case: Case) -> Prediction:
         start, path = time.process_time(), np.zeros_like(case.truth)
         given = np.where(case.trajectory.free[:, None], np.float32(0), case.trajectory.displacement)
-        found = estimate(replace(case.trajectory, displacement=given), np.arange(1, case.steps + 1))
+        try:
+            found = estimate(replace(case.trajectory, displacement=given), np.arange(1, case.steps + 1))
+        except InputError as error:
+            raise LeftOut(f"{error}") from None
         path[1:] = found.displacement[:, case.trajectory.body]
         return Prediction(path=path, seconds=time.process_time() - start)
 
-    return Predictor(f"{name}, its estimate alone", "reduced", predict)
+    return Predictor(name, "reduced", predict)
 
 
 def corrected_rollout(model: Model, trajectory: Trajectory, scene: Scene, mesh: Mesh, count: int | None) -> tuple[Trajectory, Corrector]:

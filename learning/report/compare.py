@@ -17,7 +17,7 @@ from datagen.sets.dataset import files
 from datagen.sets.generate import trajectory_of
 from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.predictor import Case, Predictor
-from learning.prediction.rivals import REFERENCE, elements, reduced, trivial
+from learning.prediction.rivals import REFERENCE, elements, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
 from learning.report.evaluate import evenly, load_cases, report_on
 from physics.mesh.build import build_mesh
@@ -79,10 +79,9 @@ def predictors(models: dict[str, Model]) -> list[Predictor]:
     if len(set(names.values())) < len(names):
         raise InputError(f"--run: the folders {', '.join(models)} must have different names, by which the report calls them")
     rungs = [predictor for run, model in models.items()
-             for predictor in (learned(model, names[run]), *([estimated(names[run])] if model.config.estimate else []),
-                              corrected(model, 1, names[run]), corrected(model, None, names[run]))]
+             for predictor in (learned(model, names[run]), corrected(model, 1, names[run]), corrected(model, None, names[run]))]
     return [*rungs, *trivial(),
             elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2),
             elements("FE, a tenth of the steps", fewer=10), elements(f"FE, tolerance {LOOSE:g}", tolerance=LOOSE),
             elements("FE, cells halved, a tenth of the steps", halvings=1, fewer=10), elements("FE, linear elasticity", law="linear"),
-            reduced("reduced-order model"), reduced("reduced-order model, a tenth of the steps", fewer=10), elements(REFERENCE)]
+            estimated("reduced-order model"), elements(REFERENCE)]

@@ -32,7 +32,7 @@ from learning.report.table import Report, Row
 from learning.samples.seen import Seen, outside, read_seen
 from physics.scene import Scene
 from physics.schema import InputError
-from physics.view import Obstacle, frame_picture
+from physics.view import ObstacleSurface, frame_picture
 
 SAMPLE = 25  # frames of a trajectory at which the equations are checked
 
@@ -59,7 +59,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         raise InputError("no trajectories to evaluate on")
     model = load_model(run)
     cases = load_cases(files)
-    alone = [estimated()] if model.config.estimate else []
+    alone = [estimated("M4GN, its estimate alone")] if model.config.estimate else []
     predictors = [learned(model), *alone, corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
                   elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
@@ -119,7 +119,7 @@ def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
         case, step, surface = frame.case, frame.step, frame.case.trajectory.obstacle
         name = f"frame_{case.name}.png"
         frame_picture(out / name, case.mesh, prediction=frame.displacement, truth=case.truth[step], step=step, steps=case.steps,
-                      obstacle=None if surface is None else Obstacle(*surface).at(step), names=(frame.predictor, "finite elements"))
+                      obstacle=None if surface is None else ObstacleSurface(*surface).at(step), names=(frame.predictor, "finite elements"))
         pictures.append((name, f"Test trajectory {case.name}, RMSE-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
                                "where the rollout is farthest from the truth. Left the prediction, coloured by its error, over the "
                                "outline of the truth; right the truth."))

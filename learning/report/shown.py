@@ -6,7 +6,7 @@ from learning.prediction.predictor import Case
 from learning.prediction.rivals import REFERENCE
 from learning.report.measure import Measurement, WorstFrame
 from learning.report.table import best_learned
-from physics.view import Exhibit, Obstacle, path_exhibit
+from physics.view import Exhibit, ObstacleSurface, path_exhibit
 
 WORST = 5  # frames
 
@@ -33,8 +33,8 @@ def exhibits(found: Measurement) -> list[Exhibit]:
     return shown
 
 
-def _obstacle(case: Case, first: int, end: int) -> Obstacle | None:
+def _obstacle(case: Case, first: int, end: int) -> ObstacleSurface | None:
     """The obstacle in some frames."""
     if (surface := case.trajectory.obstacle) is None:
         return None
-    return Obstacle(surface[0][first:end], surface[1])
+    return ObstacleSurface(surface[0][first:end], surface[1])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
 from physics.body.supports import held, prescribed, rigid_motions_left, traction_load
-from physics.contact.conditions import Contact, ContactSurface
+from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
@@ -22,7 +22,6 @@ from physics.schema import InputError
 Floats = NDArray[np.float64]
 
 GAP_TOLERANCE = 1e-6  # error of a gap over the size of a cell
-CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
 
 
 class Balance:
@@ -94,11 +93,6 @@ class Balance:
         inside = -self.clearance(0.0)
         if inside > GAP_TOLERANCE * self.size:
             raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
-
-
-def cell_size(mesh: Mesh) -> float:
-    """The median length of the mesh's edges [m]."""
-    return float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
 
 
 def cells_said(scene: Scene) -> str:

@@ -10,14 +10,14 @@ from matplotlib.colors import hsv_to_rgb
 from PIL import Image
 
 from physics.mesh.mesh import Mesh
-from physics.view.drawing import Floats, Integers, Obstacle, draw, eye_for, fit, panel_size
+from physics.view.drawing import Floats, Integers, ObstacleSurface, draw, eye_for, fit, panel_size
 from physics.view.page import Page, write_film
 
 ERROR_COLOURS, SIZE_COLOURS, VALUE_COLOURS = "YlOrRd", "viridis", "RdBu_r"
 
 
 def frame_picture(path: str | Path, mesh: Mesh, *, prediction: Floats, truth: Floats, step: int, steps: int,
-                  obstacle: Obstacle | None = None, names: tuple[str, str] = ("prediction", "finite elements")) -> None:
+                  obstacle: ObstacleSurface | None = None, names: tuple[str, str] = ("prediction", "finite elements")) -> None:
     """Write one frame as PNG: the prediction left, coloured by its error, over the outline of the truth; the truth right.
 
     Args:
@@ -39,7 +39,7 @@ def frame_picture(path: str | Path, mesh: Mesh, *, prediction: Floats, truth: Fl
 
 
 def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | None = None,
-         obstacle: Obstacle | None = None, frames: int = 60, seconds: float = 6.0,
+         obstacle: ObstacleSurface | None = None, frames: int = 60, seconds: float = 6.0,
          names: tuple[str, str] = ("prediction", "finite elements")) -> int:
     """Write a GIF of a trajectory, and give the number of its pictures.
 
@@ -57,7 +57,7 @@ def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | 
     colour = 1e3 * np.linalg.norm(shown, axis=2)  # (T, N) [mm]
     limits = (0.0, float(colour.max()) or 1e-9)
     cmap, label = (SIZE_COLOURS, "displacement [mm]") if truth is None else (ERROR_COLOURS, "error [mm]")
-    ends = None if obstacle is None else Obstacle(obstacle.points.reshape(-1, 3), obstacle.triangles)
+    ends = None if obstacle is None else ObstacleSurface(obstacle.points.reshape(-1, 3), obstacle.triangles)
     camera = fit([mesh.points + both.min(axis=0), mesh.points + both.max(axis=0), mesh.points], ends)
     size = panel_size(camera, 1 if truth is None else 2)
     page, pictures = None, []
@@ -74,7 +74,7 @@ def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | 
     return len(pictures)
 
 
-def segment_picture(path: str | Path, mesh: Mesh, segment: Integers, *, obstacle: Obstacle | None = None) -> None:
+def segment_picture(path: str | Path, mesh: Mesh, segment: Integers, *, obstacle: ObstacleSurface | None = None) -> None:
     """Write the body at rest as PNG, with each facet in the colour of the segment (N,) that most of its nodes belong to."""
     hues = 0.61803398875 * np.arange(segment.max() + 1) % 1  # golden section: numbers that follow each other differ most
     colours = hsv_to_rgb(np.stack([hues, 0.45 + 0.3 * (np.arange(len(hues)) % 2), np.full(len(hues), 0.92)], axis=1))
