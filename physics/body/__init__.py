@@ -6,6 +6,7 @@
     elasticity   energy, forces, tangent stiffness and mass of a body
     lumped       the same with a lumped mass added to the stiffness
     stress       Piola-Kirchhoff, Cauchy and von Mises stress
+    pressure     pressure along the normal of a face, dead or following it
     recovery     stress at the nodes, from that at the cells' centres
     supports     what is held and loaded, and which rigid motions that leaves
 """

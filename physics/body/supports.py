@@ -1,10 +1,11 @@
-"""What holds and loads a body: held components, prescribed displacements, tractions. Legend: N nodes."""
+"""What holds and loads a body: held components, prescribed displacements, tractions, dead pressures. Legend: N nodes."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physics.body.pressure import pressure_force
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
 from physics.schema import InputError
@@ -49,11 +50,13 @@ def rigid_motions_left(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
 
 
 def traction_load(scene: Scene, mesh: Mesh) -> Floats:
-    """(N, 3) nodal forces [N] of the tractions, over rest facets, at the last step."""
+    """(N, 3) nodal forces [N] of tractions and dead pressures, over rest facets, at the last step."""
     force = np.zeros_like(mesh.points)
     for load in scene.load:
         if load.traction is not None and load.where is not None:
             force += nodal_areas(mesh, load.where)[:, None] * np.array(load.traction)
+        if load.pressure is not None and load.where is not None and not load.follower:
+            force += pressure_force(mesh.points, mesh.facets(load.where), load.pressure)
     return force
 
 

@@ -1,8 +1,8 @@
 """The equations of a scene: f(u) = b + sum_q p_q n_q on the free components of the displacement u.
 
-f = dW/du are the internal forces (elasticity.py), b the dead loads, p_q >= 0 the forces of contact (contact.py); held
-components follow their prescription. Loads and prescribed displacements grow linearly with the fraction 0 .. 1 of the
-loading, the obstacle is on its path. Legend: N nodes, Q contact points.
+f = dW/du are the internal forces (elasticity.py), less pressures that follow their faces (pressure.py), b the dead loads,
+p_q >= 0 the forces of contact (contact.py); held components follow their prescription. Loads and prescribed displacements
+grow linearly with the fraction 0 .. 1 of the loading, the obstacle is on its path. Legend: N nodes, Q contact points.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
+from physics.body.pressure import Pressed
 from physics.body.supports import held, prescribed, rigid_motions_left, traction_load
 from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
@@ -29,7 +30,7 @@ class Balance:
 
     Attributes:
         fixed: (N, 3) True on held components; target: (N, 3) their displacements at the last step [m]
-        load: (N, 3) dead loads at the last step [N]
+        load: (N, 3) dead loads at the last step [N]; pressed: the body, where pressures follow its faces
         body: internal forces; elasticity: of the step, which in motion has inertia in it; contact: None without an obstacle
         size: of a cell [m]
         floor: force [N] below which rounding in f(u) takes over
@@ -45,7 +46,10 @@ class Balance:
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.fixed, self.target = held(scene, mesh), prescribed(scene, mesh)
         self.bearing = np.flatnonzero(self.target.any(axis=1) if self.target.any() else self.fixed.any(axis=1))
-        self.body = Elasticity(mesh, scene.material, self.fixed, scene.body.element)
+        following = [(mesh.facets(load.where), load.pressure) for load in scene.load
+                     if load.follower and load.where is not None and load.pressure is not None]
+        self.pressed = Pressed(mesh, scene.material, self.fixed, scene.body.element, following) if following else None
+        self.body = self.pressed or Elasticity(mesh, scene.material, self.fixed, scene.body.element)
         self.elasticity: Elasticity | Lumped = self.body
         self.load = traction_load(scene, mesh)
         for load in scene.load:
@@ -61,9 +65,25 @@ class Balance:
         self.floor = 1e3 * float(np.finfo(float).eps) * scene.material.young_modulus * self.size * float(np.ptp(mesh.points))
         self._check()
 
+    @property
+    def loaded(self) -> bool:
+        """True when loads or supports that move do something to the body."""
+        return bool(self.load.any() or self.target.any() or self.pressed is not None)
+
+    def outer(self, fraction: float) -> Floats:
+        """(N, 3) dead loads [N] at a fraction of the loading; from now on pressures that follow their faces act as there."""
+        if self.pressed is not None:
+            self.pressed.fraction = fraction
+        return fraction * self.load
+
+    def work(self, u: Floats, fraction: float) -> float:
+        """[J] of the loads as they are at a fraction of the loading, up to displacements (N, 3)."""
+        self.outer(fraction)
+        return fraction * float((self.load * u).sum()) + (0.0 if self.pressed is None else self.pressed.work(u))
+
     def rests(self, fraction: float) -> bool:
         """True when the rest state is in balance: nothing loads, moves or touches the body."""
-        if self.load.any() or self.target.any():
+        if self.loaded:
             return False
         return self.clearance(fraction) >= -GAP_TOLERANCE * self.size
 
@@ -88,7 +108,7 @@ class Balance:
 
     def _check(self) -> None:
         free = rigid_motions_left(self.mesh, self.fixed)
-        if free and not self.scene.steps.dynamic and (self.contact is not None or self.load.any() or self.target.any()):
+        if free and not self.scene.steps.dynamic and (self.contact is not None or self.loaded):
             raise InputError(f"support: {free} rigid motion{'s' if free > 1 else ''} of the body left free; fix more components")
         inside = -self.clearance(0.0)
         if inside > GAP_TOLERANCE * self.size:

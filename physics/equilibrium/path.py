@@ -42,6 +42,7 @@ class PathMemory:
     kinematics: str
     linear: LinearMemory | None  # while small strain is enough
     newton: NewtonMemory
+    pressed: float | None = None  # fraction of the following pressures that the kept factor was made with
 
 
 class LoadPath:
@@ -111,7 +112,8 @@ class LoadPath:
     def memory(self) -> PathMemory:
         """What `recall` takes."""
         return PathMemory(StatesMemory.of(self.states), self.order, self.halvings, self.linear_steps, self.kinematics,
-                          None if self.linear is None else self.linear.memory(), self.newton.memory())
+                          None if self.linear is None else self.linear.memory(), self.newton.memory(),
+                          None if self.balance.pressed is None else self.balance.pressed.factored)
 
     def recall(self, memory: PathMemory) -> None:
         """Go on as the path whose memory this is would have, to the last bit."""
@@ -121,6 +123,8 @@ class LoadPath:
             self._finite_from_here()
         elif self.linear is not None and memory.linear is not None:
             self.linear.recall(memory.linear)
+        if memory.pressed is not None:
+            self.balance.outer(memory.pressed)
         self.newton.recall(memory.newton)
 
     def _snap(self, fraction: float, error: NoEquilibrium) -> State:
@@ -144,6 +148,7 @@ class LoadPath:
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""
+        self.balance.outer(fraction)
         return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), fraction * self.balance.target)
 
     def _append(self, state: State) -> State:

@@ -108,8 +108,10 @@ class Support:
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """A dead load, reached linearly at the last step: a traction [Pa] on a face, or an acceleration [m/s2] of the body.
+    """A load, reached linearly at the last step: a traction or a pressure [Pa] on a face, or an acceleration [m/s2] of the body.
 
+    A pressure pushes along the normal into the body. It is dead, as a traction is, or with `follower` stays normal to the face
+    that moves (body/pressure.py).
     With `sudden` it acts in full from the start, in dynamic scenes only.
     """
 
@@ -117,6 +119,8 @@ class Load:
     traction: Vector | None = quantity(None, unit="Pa")
     acceleration: Vector | None = quantity(None, unit="m/s2")
     sudden: bool = False
+    pressure: float | None = quantity(None, unit="Pa")
+    follower: bool | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

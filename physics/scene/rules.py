@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Obstacle
+from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Obstacle
 from physics.schema import InputError, nearest
 
 TAKES = NEEDS | {"box": ("size", "radius")}  # besides shape, axis, path and contact
@@ -68,6 +68,22 @@ def check_place(body: Body, where: str | None, key: str) -> None:
     for word in where.split() or [""]:
         if word not in body.places:
             raise InputError(f"{key} = {word!r}: must be one of {', '.join(body.places)}{nearest(word, body.places)}")
+
+
+def check_load(load: Load, key: str, *, dynamic: bool, linear: bool) -> None:
+    """What a load needs, and what goes with what."""
+    if [load.traction, load.pressure, load.acceleration].count(None) != 2:
+        raise InputError(f"{key}: give exactly one of traction, pressure and acceleration")
+    if (load.acceleration is not None) != (load.where is None):
+        raise InputError(f"{key}: a traction or a pressure needs a where, an acceleration takes none")
+    if load.sudden and not dynamic:
+        raise InputError(f"{key}.sudden: a load can only be sudden where [steps] dynamic = true")
+    if load.follower and load.pressure is None:
+        raise InputError(f"{key}.follower: only a pressure follows its face")
+    if load.follower and dynamic:
+        raise InputError(f"{key}.follower: a pressure follows its face through equilibria only; leave it or dynamic = true out")
+    if load.follower and linear:
+        raise InputError(f"{key}.follower: the linear law knows no turned face; leave it out, or take a law of finite strain")
 
 
 def complete(obstacle: Obstacle) -> Obstacle:

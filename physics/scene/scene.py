@@ -11,7 +11,7 @@ from typing import Any
 import tomli_w
 
 from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
-from physics.scene.rules import check_body, check_place, complete, with_defaults
+from physics.scene.rules import check_body, check_load, check_place, complete, with_defaults
 from physics.schema import InputError, nearest, read_table, read_toml, to_table
 
 
@@ -94,12 +94,7 @@ def read_scene(table: dict[str, Any]) -> Scene:
             if moved and axis not in support.fixed:
                 raise InputError(f"support[{i}].displacement moves {axis}, which fixed = {support.fixed!r} leaves free")
     for i, load in enumerate(scene.load):
-        if (load.traction is None) == (load.acceleration is None):
-            raise InputError(f"load[{i}]: give exactly one of traction and acceleration")
-        if (load.traction is None) != (load.where is None):
-            raise InputError(f"load[{i}]: a traction needs a where, an acceleration takes none")
-        if load.sudden and not scene.steps.dynamic:
-            raise InputError(f"load[{i}].sudden: a load can only be sudden where [steps] dynamic = true")
+        check_load(load, f"load[{i}]", dynamic=scene.steps.dynamic, linear=scene.material.law == "linear")
     if scene.steps.dynamic and scene.steps.duration is None:
         raise InputError("steps.duration: missing; dynamic = true needs it")
     if scene.steps.velocity is not None and not scene.steps.dynamic:
