@@ -5,7 +5,7 @@ A room imports what stands above it in this list, never below:
     segments/     how a mesh is cut, and how good the cut is
     graphs/       what a network sees of a frame
     networks/     what predicts
-    config        what a training is asked for
+    config, keys  what a training is asked for, and how that is told
     samples/      a frame of a trajectory as input and target, noise and scales included
     prediction/   a whole path from a predictor: a trained network, a hybrid, finite elements, or what knows nothing
     training/     how weights are found, stopped and gone on with

@@ -20,17 +20,26 @@ SCHEMES = ("step", "pose")
 class TrainConfig:
     """Segments, graph, noise and schedule of one training.
 
-    scheme, history, estimate: what is predicted from what, see data.py
+    scheme: step: the way from one frame to the next; pose: where the body is, straight from the obstacle's pose
+    history: 1 to show the last velocity too
+    estimate: correct an estimate of the reduced-order model rather than predict from nothing
     frames: that are learned from in each trajectory, evenly spaced; all by default
-    segments: K, see segments.py; "auto" picks it for each body, see segment_quality.py
-    method, tau, modes, mode_count: see segments.py and features.py; at least mode_count modes are taken
-    overlap: 1 to let a node also belong to the segments of its mesh neighbours, see m4gn.py
-    contact_radius: r_W, the largest distance of a contact edge
+    segments: how many; "auto" picks the number for each body by its silhouette
+    method: how segments are cut
+    tau: weight of place against obstacle and modes in the cut
+    modes: which modes the cut looks at
+    mode_count: how many of them at least
+    overlap: 1 to let a node also belong to the segments of its mesh neighbours
+    contact_radius: the largest distance of a contact edge
     noise: standard deviation of the disturbance of each component of a free node's position
+    batch_size: frames in a training step
+    steps: training ends here, or at budget_seconds
+    budget_seconds: of training, reading the data not counted; train --seconds sets it
     learning_rate: kept for the first half, then falling exponentially to final_learning_rate
+    final_learning_rate: at the end
     clip_norm: largest norm of the gradient of all weights together
-    steps, budget_seconds: training ends at whichever is reached first; reading the data is not counted
     validate_every: steps between checkpoints, each with a rollout of every validation trajectory
+    seed: of weights, draws and noise
     """
 
     scheme: str = quantity("step", choice=SCHEMES)

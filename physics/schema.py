@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import os
 import tomllib
 import types
 import typing
@@ -87,7 +88,7 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
     Args:
         kind: a dataclass whose fields are str, bool, int, float, tuples of them, dataclasses, or one of these | None, or of
             several of these
-        table: what `tomllib` returned
+        table: what `tomllib` returned, or a dictionary in which arrays are lists, tuples or arrays of numpy
         where: the place in the file, as it stands in the messages
 
     Raises:
@@ -99,7 +100,9 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
     hints = typing.get_type_hints(kind)
     for key in table:
         if key not in fields:
-            raise InputError(f"{_at(where, key)}: unknown key{nearest(key, fields)}")
+            of_shape = getattr(kind, "keys_for", None)
+            known = of_shape(table) if of_shape else tuple(fields)
+            raise InputError(f"{_at(where, key)}: unknown key{nearest(key, fields) or ';'} {where or 'the file'} takes {', '.join(known)}")
     values = {}
     for name, field in fields.items():
         if name not in table:
@@ -114,10 +117,11 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
 
 def to_table(value: Any) -> Any:
     """The plain table of a dataclass, without the keys that are None: what `read_table` reads back."""
+    value = _plain(value)
     if dataclasses.is_dataclass(value):
         pairs = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value))
         return {name: to_table(entry) for name, entry in pairs if entry is not None}
-    return [to_table(entry) for entry in value] if isinstance(value, tuple) else value
+    return [to_table(entry) for entry in value] if isinstance(value, list) else value
 
 
 def nearest(word: str, known: typing.Iterable[str]) -> str:
@@ -135,11 +139,22 @@ def _name(value: Any) -> str:
     return names.get(type(value), type(value).__name__)
 
 
+def _plain(value: Any) -> Any:
+    """A number, array, tuple or path of Python, numpy or torch as TOML would give it: a number, list or string."""
+    if hasattr(value, "tolist"):  # numbers and arrays of numpy, tensors
+        value = value.tolist()
+    if isinstance(value, tuple):
+        return list(value)
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
 def _value(hint: Any, value: Any, where: str) -> Any:
     """One value converted to an annotated type, or `InputError`."""
+    value = _plain(value)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (types.UnionType, typing.Union):
-        return _value(next((a for a in arguments if a is type(value)), arguments[0]), value, where)
+        tables = (a for a in arguments if isinstance(value, dict) and dataclasses.is_dataclass(a))
+        return _value(next((a for a in arguments if a is type(value)), next(tables, arguments[0])), value, where)
     if dataclasses.is_dataclass(hint):
         return read_table(hint, value, where)  # type: ignore[arg-type]
     if origin is tuple:

@@ -131,7 +131,7 @@ def test_a_finer_solution_has_more_cells_and_fewer_steps_and_is_read_at_the_same
     points = np.array([[0.0, 0.0, 0.0], [0.06, 0.0, 0.01]])
     asked = []
 
-    def solve(given, failure=""):
+    def solve(given, *, partial, failure=""):
         asked.append(given)
         nodes = np.array([[0.06, 0.0, 0.01], [0.03, 0.01, 0.0], [0.0, 0.0, 0.0]])
         return types.SimpleNamespace(failure=failure, mesh=types.SimpleNamespace(points=nodes), seconds=4.5,
@@ -144,7 +144,7 @@ def test_a_finer_solution_has_more_cells_and_fewer_steps_and_is_read_at_the_same
     assert (asked[0].material, asked[0].support) == (scene.material, scene.support)
     with pytest.raises(AssertionError, match="keep the nodes"):
         statistics.finer(scene, points + 2e-9)
-    monkeypatch.setattr(statistics, "solve", lambda given: solve(given, "stuck"))
+    monkeypatch.setattr(statistics, "solve", lambda given, partial: solve(given, partial=partial, failure="stuck"))
     with pytest.raises(RuntimeError, match="the scene with 24 x 8 x 4 cells: stuck"):
         statistics.finer(scene, points)
     with pytest.raises(RuntimeError, match="comes from a file"):

@@ -11,9 +11,11 @@ import torch
 
 from learning.prediction.predictor import Case, Predictor
 from learning.report import evaluate as module
+from learning.report.differences import spread_said
 from learning.report.measure import Measurement, WorstFrame
 from learning.samples.seen import Seen
 from physics.mesh.build import build_mesh
+from physics.schema import InputError
 from tests.rows import row, rows
 from tests.scenes import beam, pressed
 from tests.synthetic import bending
@@ -93,6 +95,7 @@ def measured(monkeypatch):
     monkeypatch.setattr(module, "tqdm", Bar)
     monkeypatch.setattr(module, "measure", measure)
     monkeypatch.setattr(module, "warm_up", asked.warm.append)
+    monkeypatch.setattr(module, "_apart", lambda runs: {})
     monkeypatch.setattr(module, "_pictures", lambda out, found: [])
     monkeypatch.setattr(module, "write_report", lambda out, report, shown: asked.__dict__.update(report=report, out=out)
                         or {"summary": "words"})
@@ -102,12 +105,14 @@ def measured(monkeypatch):
 @pytest.mark.parametrize("refined, numbers", [(0, []), (1, [0]), (2, [0, 4]), (3, [0, 2, 4]), (4, [0, 1, 3, 4]), (9, [0, 1, 2, 3, 4])])
 def test_scenes_solved_finer_are_evenly_spaced_and_as_many_as_asked_for(measured, tmp_path, refined, numbers):
     cases = [case(str(i)) for i in range(5)]
-    result = module.report_on([made(), made()], cases, tmp_path / "out", title="T", runs={}, refined=refined, repeats=7)
+    result = module.report_on([made(), made(name="b")], cases, tmp_path / "out", title="T", runs={}, refined=refined, repeats=7)
     assert measured.measure["refined"] == numbers
     assert (measured.measure["sample"], measured.measure["repeats"]) == (25, 7)
     assert measured.bars == [{"total": 10, "desc": "evaluate", "disable": None, "unit": "rollout"}] and measured.warm == [cases[0].scene]
     assert result == {"summary": "words", "report": str(tmp_path / "out")} and (tmp_path / "out").is_dir()
     assert measured.out == tmp_path / "out"
+    with pytest.raises(InputError, match="two predictors are called 'b'"):
+        module.report_on([made(), made(name="b"), made(name="b")], cases, tmp_path, title="T", runs={}, refined=0)
 
 
 def test_a_report_gathers_title_names_rows_and_notes(measured, tmp_path):
@@ -116,7 +121,7 @@ def test_a_report_gathers_title_names_rows_and_notes(measured, tmp_path):
     assert (report.title, report.cases, report.rows, report.pictures, report.outside) == ("T", ["0003", "0007"], rows(), [], None)
     assert measured.measure["repeats"] == 1
     assert report.notes[-1] == "what went wrong" and report.facts["test trajectories"].startswith("2: 0003, 0007; ")
-    assert measured.said == [*module.summary(rows()), "words", f"report: {tmp_path / 'out' / 'report.html'}"]
+    assert measured.said == [*module.summary(rows()), "words", *spread_said(rows()), f"report: {tmp_path / 'out' / 'report.html'}"]
 
 
 def test_how_far_outside_is_told_by_the_first_run_that_knows_its_ranges(measured, tmp_path, monkeypatch):

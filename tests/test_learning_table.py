@@ -170,4 +170,4 @@ def test_marks_of_bold_letters_are_replaced_or_taken_away():
 
 
 def test_every_kind_of_row_has_a_name():
-    assert {each.kind for each in rows()} | {"reduced"} == set(KINDS)
+    assert {each.kind for each in rows()} | {"reduced", "foreign"} == set(KINDS)

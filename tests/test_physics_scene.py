@@ -37,6 +37,7 @@ WRONG = {
     "missing key": ("length = 0.1", "", "body.length: missing"),
     "missing table": ("[material]\nyoung_modulus = 1e6\npoisson_ratio = 0.4", "", "material: missing"),
     "unknown key": ("length = 0.1", "lenght = 0.1", "body.lenght: unknown key; did you mean 'length'?"),
+    "key of another shape": ("length = 0.1", "file = 'a.msh'", "body.file: unknown key; body takes shape, length, width,"),
     "unknown table": ("[steps]", "[stepz]", "stepz: unknown key; did you mean 'steps'?"),
     "wrong type": ("length = 0.1", 'length = "long"', "body.length must be a number, not a string"),
     "not whole": ("count = 2", "count = 2.5", "steps.count must be an integer, not a number"),

@@ -76,9 +76,10 @@ def test_an_error_is_kept_as_well_when_it_is_a_millionth_of_the_motion(size):
 def test_figures_are_of_all_nodes_those_inside_included():
     inside = np.setdiff1d(np.arange(len(MESH.points)), np.unique(np.concatenate([part.ravel() for part in MESH.surface])))
     wrong = bent()
-    wrong[4, inside[0]] += [0, 3e-3, 4e-3]
+    wrong[4, inside[0]] += [0, 3e-2, 4e-2]
     content = shown(bent(), wrong)
-    assert content["motions"][1]["curves"]["error"] == pytest.approx([0, 0, 0, 0, 5e-3, 0])
+    assert content["motions"][1]["curves"]["error"] == pytest.approx([0, 0, 0, 0, 5e-2, 0])
+    assert content["motions"][1]["curves"]["displacement"][4] == pytest.approx(np.linalg.norm(wrong[4, inside[0]]), rel=1e-4)
     assert content["motions"][0]["curves"]["error"] == [0] * 6
     assert content["motions"][0]["curves"]["displacement"] == pytest.approx(np.linspace(0, 0.02, 6), rel=1e-4)
     assert not set(array(content["nodes"], "<u4")[:, 0]) & set(inside) and len(inside) == 4 * 1 * 2

@@ -122,6 +122,18 @@ def test_pictures_of_modes_are_numbered_from_one(tmp_path, monkeypatch):
                      ("mode_02.png", 6e-3, "mode 2:  fast"), ("mode_02.gif", 6e-3, "mode 2:  fast")]
 
 
+def test_after_the_first_picture_it_is_said_how_long_all_will_take_and_films_can_be_left_out(tmp_path, monkeypatch):
+    """A picture takes 2 s, a film twenty times that: of two modes 2 (1 + 20) - 1 = 41 pictures are left then, without films one."""
+    clock, said = iter(np.arange(100.0) * 2), []
+    monkeypatch.setattr(pictures.time, "perf_counter", lambda: next(clock))
+    for kind in ("mode_picture", "mode_film"):
+        monkeypatch.setattr(pictures, kind, lambda *given, title: None)
+    modes = np.array([path()[1]] * 2)
+    view.mode_pictures(tmp_path, MESH, modes, names=["slow", "fast"], say=said.append)
+    assert view.mode_pictures(tmp_path, MESH, modes, names=["slow", "fast"], films=False, say=said.append) == ["mode_01.png", "mode_02.png"]
+    assert said == ["2 pictures and films of 20 each: about 82 s more", "2 pictures: about 2 s more"]
+
+
 def test_the_camera_holds_body_and_near_obstacle():
     assert drawing.TOWARDS_EYE @ drawing.TOWARDS_EYE == pytest.approx(1) and drawing.TOWARDS_EYE[1] < 0 < drawing.TOWARDS_EYE[2]
     right, up = drawing._axes_of_view(np.array([0.0, -1.0, 0.0]))

@@ -3,6 +3,7 @@
     trajectory   its format: write, read, check
     fields       what a file can hold of a solution besides its displacements: stress
     tfrecord     records of TensorFlow, byte by byte
-    prediction   a file held against a true one
+    inputs       what a predictor may see of one, as arrays
+    prediction   a file, or a folder of them, held against true ones
     provenance   which program, libraries and machine a number comes from
 """

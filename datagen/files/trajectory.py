@@ -1,6 +1,7 @@
 """One trajectory file: a body and its obstacle over all steps.
 
-The file is VTKHDF (HDF5 by another name): ParaView and PyVista open it with a time slider, h5py reads it as arrays.
+The file is VTKHDF (HDF5 by another name): ParaView opens it with a time slider, h5py reads it as arrays. PyVista shows the first
+frame; `reader = pyvista.get_reader(path); reader.reader.SetStep(7); mesh = reader.read()` is frame 7.
 Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body first, obstacle last), C cells, m modes.
 
     /VTKHDF                     @Type "UnstructuredGrid", @Version [2, 1]
@@ -17,6 +18,7 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         NAME                    (T N, k) float32  optional: whatever else changes, such as stress (fields.py, or that of
                                                   an imported set); @fields
       FieldData                 one row for each frame
+        obstacle                (T, 3) float64   [m] its centre; a file may lack it
         reaction                (T, 3) float64   [N] force of the body on the obstacle (without one: on its supports)
         energy                  (T,) float64     [J] stored
         penetration             (T,) float64     [m] largest, 0 without contact
@@ -119,13 +121,36 @@ def at_rest(mesh: Mesh, modes: NDArray[np.floating[Any]], **attributes: Any) -> 
 
 
 def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
-    """Write a whole file, or none: it appears under its name only when it is complete on disk. Raises OSError."""
+    """Write a whole file, or none: it appears under its name only when it is complete on disk.
+
+    Raises:
+        InputError: displacements of the wrong shape, or positions in place of them
+        OSError: it cannot be written
+    """
+    trajectory = replace(trajectory, displacement=_displacement(trajectory))
     # The file is made in memory: on a full disk HDF5 would fill pages with its complaints, and later on again.
     with h5py.File(f"{path} in memory", "w", driver="core", backing_store=False, libver=("earliest", "v110")) as file:
         _write(file, trajectory)
         file.flush()
         image = file.id.get_file_image()
     write_whole(path, image)
+
+
+def _displacement(trajectory: Trajectory) -> NDArray[np.float32]:
+    """The displacements as the file holds them. Raises `InputError` in one line that says which shape is right."""
+    u, nodes = np.asarray(trajectory.displacement), len(trajectory.points)
+    if u.ndim != 3 or not len(u) or u.shape[1:] != (nodes, 3):
+        body = int(trajectory.body.sum())
+        parts = f": those of the body ({body}) first, then those of the obstacle ({nodes - body})" if body < nodes else ""
+        raise InputError(f"displacement has shape {u.shape}: must be (T, {nodes}, 3), frames from the rest state on, nodes, x y z{parts}")
+    if holds_positions(u, trajectory.points):
+        raise InputError("displacement holds positions, it seems: take the rest positions away (displacement - points)")
+    return u.astype(np.float32, copy=False)
+
+
+def holds_positions(u: NDArray[Any], points: NDArray[Any]) -> bool:
+    """Whether displacements (T, N, 3) begin at the rest positions (N, 3) in place of zero."""
+    return bool(np.linalg.norm(u[0] - points) < 0.1 * np.linalg.norm(points))
 
 
 def _write(file: h5py.File, trajectory: Trajectory) -> None:

@@ -15,7 +15,7 @@ import dataclasses
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, draw
+from datagen.files.inputs import centres
 from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.sets import dataset
@@ -60,7 +61,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         InputError: the scene has no solution to look for
         RuntimeError: the elastic mode was not found
     """
-    solution = solution or solve(scene, on_step=on_step)
+    solution = solution or solve(scene, on_step=on_step, partial=True)
     mesh = solution.mesh
     modes = elastic_modes(scene, count=AT_ONCE, mesh=mesh)
     first = np.flatnonzero(np.array(modes.frequencies_hz) <= CLUSTER * modes.frequencies_hz[0])
@@ -70,11 +71,11 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     if scene.obstacle is not None:
         rigid, size = Rigid(scene.obstacle), cell_size(mesh)
         around, triangles = rigid.surface_mesh(mesh.points, size=size)
-        way = np.array([rigid.position(step / scene.steps.count) - rigid.path[0] for step in range(frames)])
-        moved = np.repeat(way[:, None], len(around), axis=1)
+        moved = np.repeat((centres(scene, frames) - rigid.path[0])[:, None], len(around), axis=1)
         points = np.concatenate([mesh.points, around])
     corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
     shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
+    way = {} if scene.obstacle is None else {"obstacle": centres(scene, frames)}
     moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
     extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "seconds": solution.seconds,
              "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure}
@@ -91,7 +92,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
                    "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released,
-                   **moving},
+                   **moving, **way},
         scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
         extra=extra)
 
@@ -117,7 +118,7 @@ def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_l
 
 
 def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: int = 0, workers: int | None = None,
-             cluster: str = "", time_limit: float = math.inf) -> dict[str, Any]:
+             cluster: str = "", tls: Sequence[str] = (), time_limit: float = math.inf) -> dict[str, Any]:
     """Make a folder of trajectories, or what is missing of it, and its manifest.
 
     Args:
@@ -125,6 +126,7 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         out: the folder; when it holds a data set, then one of the same family and seed
         workers: processes on this machine, by default one for each core
         cluster: address of a Dask scheduler whose workers do it instead; they must see the folder under the same name
+        tls: for one at tls://, the files of its authority's certificate, of our certificate and of its key
         time_limit: [s] for each attempt at a scene; one that takes longer counts as failed, so with a limit the set may
             depend on the machine
 
@@ -154,7 +156,8 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
     if not missing:
         done: Any = ()
     elif cluster:
-        done = on_cluster(_make, missing, cluster, prepare=(compile_forms, scenes), folder=out, kept=len(jobs) - len(missing))
+        done = on_cluster(_make, missing, cluster, prepare=(compile_forms, scenes), folder=out, kept=len(jobs) - len(missing),
+                          tls=tls)
     else:
         compile_forms(scenes)
         done = on_this_machine(_make, missing, min(workers, len(missing)), kept=len(jobs) - len(missing))

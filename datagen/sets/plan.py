@@ -63,7 +63,7 @@ def figures(scene: Scene) -> dict[str, Any]:
     length, width = np.ptp(mesh.points[:, :2], axis=0)
     return {"nodes": nodes, "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
             "steps": scene.steps.count, "xy_extent": float(length * width), "obstacle": obstacle,
-            "support": " and ".join(support.where for support in scene.support) or "none"}
+            "support": " and ".join(str(support.where) for support in scene.support) or "none"}
 
 
 def spread(values: ArrayLike) -> dict[str, float]:

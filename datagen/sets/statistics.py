@@ -82,7 +82,7 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
         "storage_noise": float(np.sqrt((precision(trajectory)[:, free] ** 2).sum(axis=2).mean()))}
     if trajectory.scene:
         scene = Scene.from_toml(trajectory.scene)
-        row |= {"support": " and ".join(support.where for support in scene.support) or "none",
+        row |= {"support": " and ".join(str(support.where) for support in scene.support) or "none",
                 "obstacle": scene.obstacle.shape if scene.obstacle else "none"}
     for name, value in trajectory.per_frame.items():
         if name == "reaction":
@@ -91,7 +91,7 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
             row[name] = float(value.min())
         elif name == "newton_iterations":
             row[name] = float(value[1:].mean())
-        else:
+        elif name != "obstacle":
             row[f"{name}_largest"] = float(value.max())
     if "relative_residual" in trajectory.per_frame:
         row["solver_noise"] = float(trajectory.per_frame["relative_residual"].max()) * row["displacement_rms"]
@@ -146,7 +146,7 @@ def _solved(scene: Scene, every: int, points: NDArray[np.float64], times: int) -
     nx, ny, nz = (times * n for n in scene.body.divisions)
     body = dataclasses.replace(scene.body, cells=(nx, ny, nz), cell_size=None)
     release()
-    solution = solve(dataclasses.replace(scene, body=body, steps=Steps(count=scene.steps.count // every)))
+    solution = solve(dataclasses.replace(scene, body=body, steps=Steps(count=scene.steps.count // every)), partial=True)
     if solution.failure:
         raise RuntimeError(f"the scene with {nx} x {ny} x {nz} cells: {solution.failure}")
     distance, node = cKDTree(solution.mesh.points).query(points)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,12 +26,13 @@ class LeftOut(Exception):
 
 @dataclass(frozen=True)
 class Case:
-    """A test trajectory with its scene and the mesh that the scene builds."""
+    """A test trajectory with its scene and the mesh that the scene builds; its file, by whose name predictions are found."""
 
     name: str
     trajectory: Trajectory
     scene: Scene
     mesh: Mesh
+    file: Path | None = None
 
     @property
     def truth(self) -> NDArray[np.float32]:

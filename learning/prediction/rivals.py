@@ -103,7 +103,7 @@ def elements(name: str, *, halvings: int = 0, fewer: int = 1, tolerance: float =
 def follow(scene: Scene, tolerance: float = TOLERANCE) -> tuple[Mesh, Floats, float, float, int]:
     """The solver's path: its mesh, (T, N, 3), seconds of set-up and of stepping, and Newton steps. Raises `LeftOut`."""
     started = time.process_time()
-    found = solve(scene, tolerance=tolerance)
+    found = solve(scene, tolerance=tolerance, partial=True)
     if found.failure:
         raise LeftOut(f"there is {found.failure}")
     seconds = time.process_time() - started - found.set_up

@@ -11,6 +11,7 @@ import datetime
 import os
 import platform
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,22 +23,25 @@ from tqdm import tqdm
 from datagen.files.prediction import read_truth
 from datagen.files.provenance import commit, processor, versions
 from learning.prediction.checkpoint import Model, load_model, read_checkpoint
+from learning.prediction.foreign import Own, from_folder, from_function
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
+from learning.report.differences import differing, spread_said
 from learning.report.measure import Measurement, measure
 from learning.report.report import write_report
 from learning.report.shown import exhibits, worst_frames
-from learning.report.table import Report, Row
+from learning.report.table import JUDGED, Report, Row
 from learning.samples.seen import Seen, outside, read_seen
 from physics.scene import Scene
-from physics.schema import InputError
+from physics.schema import InputError, to_table
 from physics.view import ObstacleSurface, frame_picture
 
 SAMPLE = 25  # frames of a trajectory at which the equations are checked
 
 
 def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, correct: int = 1, refined: int = 1,
+             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (),
              say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Roll a trained network out over test trajectories and write the report folder.
 
@@ -47,6 +51,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         out: report folder
         correct: Newton steps after each frame of the corrected rollout
         refined: how many of the test scenes are solved on finer cells as well
+        predictions, functions: what users bring along, see `own_predictors`
         say: takes a line of what comes out
 
     Returns:
@@ -60,15 +65,31 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
     model = load_model(run)
     cases = load_cases(files)
     alone = [estimated("M4GN, its estimate alone")] if model.config.estimate else []
-    predictors = [learned(model), *alone, corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
+    own, about = own_predictors(predictions, functions, cases)
+    predictors = [*own, learned(model), *alone, corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
                   elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
-                     refined=refined, say=say)
+                     refined=refined, about=about, say=say)
+
+
+def own_predictors(predictions: Sequence[Sequence[str]], functions: Sequence[Own],
+                   cases: Sequence[Case]) -> tuple[list[Predictor], dict[str, str]]:
+    """What users bring along, and where each comes from, in words.
+
+    Args:
+        predictions: each a folder, on request a name, and milliseconds a step; a file in it for each case
+        functions: each a function of `Inputs`, or module:function and on request a name
+
+    Raises:
+        InputError: a file or a function is missing, or is no prediction of its case
+    """
+    found = [from_folder(words, cases) for words in predictions] + [from_function(words) for words in functions]
+    return [predictor for predictor, _ in found], {predictor.name: said for predictor, said in found}
 
 
 def load_cases(files: Sequence[str | Path]) -> list[Case]:
     """The trajectories that predictions can be held against, named by their files. Raises `InputError`."""
-    return [Case(Path(file).stem, *read_truth(file)) for file in files]
+    return [Case(Path(file).stem, *read_truth(file), Path(file)) for file in files]
 
 
 def evenly(count: int, of: int) -> list[int]:
@@ -78,22 +99,44 @@ def evenly(count: int, of: int) -> list[int]:
 
 
 def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model],
-              refined: int, repeats: int = 1, say: Callable[[str], None] | None = None) -> dict[str, Any]:
-    """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder."""
+              refined: int, repeats: int = 1, about: dict[str, str] | None = None,
+              say: Callable[[str], None] | None = None) -> dict[str, Any]:
+    """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder.
+
+    about: what is to be said of some predictors, by name
+    """
+    names = [predictor.name for predictor in predictors]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"two predictors are called {twice[0]!r}: give each a name of its own")
     known = {run: read_seen(run) for run in runs}
     warm_up(cases[0].scene)
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
         found = measure(predictors, cases, sample=SAMPLE, refined=evenly(refined, len(cases)), repeats=repeats, on_done=bar.update)
     out.mkdir(parents=True, exist_ok=True)
     spans = [span for span in known.values() if span is not None]
+    apart = _apart(runs)
+    found.rows = [replace(row, about=next((words for run, words in apart.items() if row.kind == "learned"
+                                           and row.name.endswith(f" {Path(run).name}")), "")) for row in found.rows]
+    seeds_alone = bool(apart) and all(words.startswith("seed ") and "," not in words for words in apart.values())
+    spread = spread_said(found.rows, chance=seeds_alone)
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
                     outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
-                    facts=_facts(runs, cases, found, repeats), notes=_limits(cases, found, runs, spans))
+                    facts=_facts(runs, cases, found, repeats) | (about or {}),
+                    notes=[*spread, *_limits(cases, found, runs, spans)])
     content = write_report(out, report, exhibits(found))
     if say is not None:
-        for line in (*summary(found.rows), content["summary"], f"report: {out / 'report.html'}"):
+        for line in (*summary(found.rows), content["summary"], *spread, f"report: {out / 'report.html'}"):
             say(line)
     return {**content, "report": str(out)}
+
+
+def _apart(runs: dict[str, Model]) -> dict[str, str]:
+    """In what several runs differ: config, weights and trained steps; empty for one."""
+    if len(runs) < 2:
+        return {}
+    return differing({run: {**to_table(model.config), "weights": sum(p.numel() for p in model.network.parameters()),
+                            "trained steps": read_checkpoint(Path(run) / "model.safetensors").about["step"]}
+                      for run, model in runs.items()})
 
 
 def summary(rows: Sequence[Row]) -> list[str]:
@@ -102,6 +145,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
     for row in rows:
         errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmse_1", "rmse_50", "rmse_all", "rmse_refined"))
         lines.append(f"{row.name:36s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
+        lines += [f"    {row.about}"] * bool(row.about)
     return lines
 
 
@@ -176,7 +220,7 @@ def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model], s
         notes[0] += (f" On {count} of the {len(cases)} scenes, solved again on cells of half the size, the data are {1e3 * own:.3g} mm off"
                      f" (and the finer solution by about a third of that, if errors fall with the square of the cells' size).")
         for row in found.rows:
-            if row.kind in ("learned", "hybrid"):
+            if row.kind in (*JUDGED, "hybrid"):
                 notes[0] += (f" {row.name}: {1e3 * row.scores['rmse_refined']:.3g} mm from the finer solution; in "
                              f"{100 * row.scores['below_data']:.0f} % of the frames closer to the data than these to it.")
     notes += _of_correction(found.rows)

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from datagen.sets.statistics import finer
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
-from learning.report.table import Row
+from learning.report.table import JUDGED, Row
 from physics.fem import release
+from physics.fidelity.figures import gathered
 from physics.fidelity.verify import as_table, verify
 from physics.mesh.quality import rmse
 
 LONG = 10.0  # [s]
-EXTREMES = {"largest_penetration": max, "smallest_det_f": min, "smallest_scaled_jacobian": min, "inverted_elements": max}
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Hardest:
 
 @dataclass
 class Measurement:
-    """Everything found: a row for each predictor that did all cases, worst frames of the learned ones, what went wrong."""
+    """Everything found: a row for each predictor that did all cases, worst frames of those that are judged, what went wrong."""
 
     rows: list[Row] = field(default_factory=list)
     frames: list[WorstFrame] = field(default_factory=list)
@@ -95,7 +95,7 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             with np.errstate(over="ignore"):
                 paths[predictor.name] = path.astype(np.float32)
             errors.append(fidelity.rmse_all)
-            if predictor.kind == "learned":
+            if predictor.kind in JUDGED:
                 found.frames.append(WorstFrame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
         learned = [frame.error for frame in found.frames if frame.case is case]
         error = max((each if np.isfinite(each) else np.inf for each in learned or errors), default=0.0)
@@ -151,11 +151,4 @@ def _scores(fidelity: Any, prediction: Prediction, case: Case) -> dict[str, floa
 
 
 def _row(predictor: Predictor, each: list[dict[str, float]]) -> Row:
-    """Means over trajectories, of extremes the extreme; what only some have, over those."""
-    scores = {}
-    for key in each[0]:
-        values = [table[key] for table in each if not np.isnan(table[key])]
-        scores[key] = float(EXTREMES.get(key, np.mean)(values)) if values else float("nan")
-    return Row(predictor.name, predictor.kind, scores, tuple(each))
-
-
+    return Row(predictor.name, predictor.kind, gathered(each), tuple(each))

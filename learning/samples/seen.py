@@ -61,7 +61,7 @@ def description(trajectory: Trajectory) -> dict[str, Value]:
         told |= {"Young's modulus [Pa]": scene.material.young_modulus, "Poisson's ratio": scene.material.poisson_ratio,
                  "material law": scene.material.law, "shape of the body": scene.body.shape,
                  "supports": ", ".join(sorted(f"{support.where} ({support.fixed})" for support in scene.support)) or "none",
-                 "loads": ", ".join(sorted(load.where or "acceleration" for load in scene.load)) or "none",
+                 "loads": ", ".join(sorted(str(load.where or "acceleration") for load in scene.load)) or "none",
                  "obstacle": scene.obstacle.shape if scene.obstacle else "none"}
     return told
 

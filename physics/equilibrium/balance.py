@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
 from physics.body.pressure import Pressed
-from physics.body.supports import held, prescribed, rigid_motions_left, traction_load
+from physics.body.supports import held, loose, outer_facets, prescribed, traction_load
 from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
@@ -46,7 +46,7 @@ class Balance:
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.fixed, self.target = held(scene, mesh), prescribed(scene, mesh)
         self.bearing = np.flatnonzero(self.target.any(axis=1) if self.target.any() else self.fixed.any(axis=1))
-        following = [(mesh.facets(load.where), load.pressure) for load in scene.load
+        following = [(outer_facets(mesh, load.where, f"load[{i}].where"), load.pressure) for i, load in enumerate(scene.load)
                      if load.follower and load.where is not None and load.pressure is not None]
         self.pressed = Pressed(mesh, scene.material, self.fixed, scene.body.element, following) if following else None
         self.body = self.pressed or Elasticity(mesh, scene.material, self.fixed, scene.body.element)
@@ -107,9 +107,9 @@ class Balance:
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe
 
     def _check(self) -> None:
-        free = rigid_motions_left(self.mesh, self.fixed)
-        if free and not self.scene.steps.dynamic and (self.contact is not None or self.loaded):
-            raise InputError(f"support: {free} rigid motion{'s' if free > 1 else ''} of the body left free; fix more components")
+        if not self.scene.steps.dynamic and (self.contact is not None or self.loaded):
+            if free := loose(self.mesh, self.fixed):
+                raise InputError(f"support: {free}")
         inside = -self.clearance(0.0)
         if inside > GAP_TOLERANCE * self.size:
             raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")

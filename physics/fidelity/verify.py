@@ -38,7 +38,7 @@ TOUCHING = 0.05  # of a cell size
 class Fidelity:
     """How far a prediction is from the truth; lengths in metres. "free": nodes that are neither held nor obstacle."""
 
-    rmse_1: float  # free nodes, one step from the true state before; without such predictions, the first step alone
+    rmse_1: float  # free nodes, one step from the true state before; without such predictions the first step, if it moves the truth
     rmse_50: float  # free nodes, steps 1 .. 50 of the rollout
     rmse_all: float  # free nodes, all steps
     rmse_1_pooled: float  # the same over all nodes of the body, held ones too
@@ -127,6 +127,8 @@ def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene, mesh: M
     steps = len(u) - 1
     first = u[1:2] if one_step is None else np.asarray(one_step, np.float64)
     of_first = truth[1:len(first) + 1]
+    if one_step is None and not of_first[:, free].any():  # before anything touches, standing still is no achievement
+        of_first = np.full_like(of_first, np.nan)
     predicted, true = mesh.points + u[1:], mesh.points + truth[1:]
     error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))  # (T,)
 

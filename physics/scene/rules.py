@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Obstacle
+from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Obstacle, Where
 from physics.schema import InputError, nearest
 
 TAKES = NEEDS | {"box": ("size", "radius")}  # besides shape, axis, path and contact
@@ -61,8 +61,11 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
                              f"{length:g} x {height:g} m")
 
 
-def check_place(body: Body, where: str | None, key: str) -> None:
+def check_place(body: Body, where: str | Where | None, key: str) -> None:
     """Refuse a place that the shape does not have; those of a file are checked when it is read."""
+    if isinstance(where, Where):
+        _check_where(where, key)
+        return
     if where is None or body.places is None:
         return
     for word in where.split() or [""]:
@@ -84,6 +87,25 @@ def check_load(load: Load, key: str, *, dynamic: bool, linear: bool) -> None:
         raise InputError(f"{key}.follower: a pressure follows its face through equilibria only; leave it or dynamic = true out")
     if load.follower and linear:
         raise InputError(f"{key}.follower: the linear law knows no turned face; leave it out, or take a law of finite strain")
+
+
+def _check_where(where: Where, key: str) -> None:
+    """A place by coordinates has exactly one of near, plane and box, and what that needs."""
+    kinds = {"near": ("near", "within"), "plane": ("plane", "normal", "within"), "box": ("box",)}
+    given = [name for name in ("near", "plane", "normal", "within", "box") if getattr(where, name) is not None]
+    chosen = [name for name in kinds if name in given]
+    if len(chosen) != 1:
+        raise InputError(f"{key}: give exactly one of near, plane and box")
+    needs = kinds[chosen[0]]
+    for name in (*given, *needs):
+        if name not in needs:
+            raise InputError(f"{key}.{name}: {chosen[0]} takes {' and '.join(needs[1:]) or 'nothing else'}")
+        if name not in given:
+            raise InputError(f"{key}.{name}: missing; {chosen[0]} needs it")
+    if where.normal is not None and math.hypot(*where.normal) == 0:
+        raise InputError(f"{key}.normal must not be the zero vector")
+    if where.box is not None and any(low > high for low, high in zip(*where.box, strict=True)):
+        raise InputError(f"{key}.box: its first corner must have the smaller coordinates")
 
 
 def complete(obstacle: Obstacle) -> Obstacle:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from physics.mesh.mesh import Mesh
 from physics.view.drawing import Floats, Integers, ObstacleSurface, draw, eye_for, fit, panel_size
 from physics.view.page import Page, write_film
 
+FILM = 20  # pictures of a mode's film
 ERROR_COLOURS, SIZE_COLOURS, VALUE_COLOURS = "YlOrRd", "viridis", "RdBu_r"
 
 
@@ -36,6 +38,18 @@ def frame_picture(path: str | Path, mesh: Mesh, *, prediction: Floats, truth: Fl
     title = f"step {step} of {steps}:  largest error {top:.3g} mm,  largest displacement {moved:.3g} mm"
     page = Page((left, right), names, (0, top), ERROR_COLOURS, "error: distance of each node from its true place [mm]")
     page.show((left, right), title).save(path)
+
+
+def still_picture(path: str | Path, mesh: Mesh, displacement: Floats, frame: int, *, obstacle: ObstacleSurface | None = None) -> None:
+    """Write one frame of displacements (T, N, 3) [m] as PNG, coloured by their size; obstacle: with points (T, M, 3)."""
+    size = 1e3 * np.linalg.norm(displacement[frame], axis=1)  # (N,) [mm]
+    limits, here = (0.0, float(size.max()) or 1e-9), None if obstacle is None else obstacle.at(frame)
+    camera = fit([mesh.points + displacement[frame], mesh.points], here)
+    panel = draw(mesh, displacement[frame], size, limits, SIZE_COLOURS, camera, panel_size(camera, 1), obstacle=here)
+    page = Page((panel,), ("",), limits, SIZE_COLOURS, "displacement [mm]")
+    title = f"step {frame} of {len(displacement) - 1}:  largest displacement {size.max():.3g} mm"
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    page.show((panel,), title).save(path)
 
 
 def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | None = None,
@@ -91,7 +105,7 @@ def mode_picture(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "")
     _mode_frames(mesh, mode, title, [1.0])[0].save(path)
 
 
-def mode_film(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "", frames: int = 20, seconds: float = 1.6) -> None:
+def mode_film(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "", frames: int = FILM, seconds: float = 1.6) -> None:
     """Write one period of a mode as GIF.
 
     A displacement (N, 3) of any scale moves the body, the largest one by a sixth of its length, over its outline at rest; a
@@ -101,15 +115,25 @@ def mode_film(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "", fr
     write_film(path, _mode_frames(mesh, mode, title, phases), [round(1e3 * seconds / frames)] * frames)
 
 
-def mode_pictures(folder: str | Path, mesh: Mesh, modes: Floats, *, names: Sequence[str]) -> list[str]:
-    """Write mode_01.png, mode_01.gif and so on of modes (m, N, 3) or (m, N), with a title for each; their file names."""
+def mode_pictures(folder: str | Path, mesh: Mesh, modes: Floats, *, names: Sequence[str], films: bool = True,
+                  say: Callable[[str], None] = lambda text: None) -> list[str]:
+    """Write mode_01.png, mode_01.gif and so on of modes (m, N, 3) or (m, N), with a title for each; their file names.
+
+    films: False leaves the films out, which take nearly all of the time
+    say: is told how long it will take, after the first picture
+    """
     Path(folder).mkdir(parents=True, exist_ok=True)
-    written = []
+    written, started = [], time.perf_counter()
     for i, (mode, name) in enumerate(zip(modes, names, strict=True)):
         stem = f"mode_{i + 1:02d}"
         mode_picture(Path(folder) / f"{stem}.png", mesh, mode, title=f"mode {i + 1}:  {name}")
-        mode_film(Path(folder) / f"{stem}.gif", mesh, mode, title=f"mode {i + 1}:  {name}")
-        written += [f"{stem}.png", f"{stem}.gif"]
+        written.append(f"{stem}.png")
+        if i == 0:
+            left = (time.perf_counter() - started) * (len(names) * (1 + films * FILM) - 1)
+            say(f"{len(names)} pictures{f' and films of {FILM} each' if films else ''}: about {left:.0f} s more")
+        if films:
+            mode_film(Path(folder) / f"{stem}.gif", mesh, mode, title=f"mode {i + 1}:  {name}")
+            written.append(f"{stem}.gif")
     return written
 
 
