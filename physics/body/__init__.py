@@ -8,5 +8,6 @@
     stress       Piola-Kirchhoff, Cauchy and von Mises stress
     pressure     pressure along the normal of a face, dead or following it
     recovery     stress at the nodes, from that at the cells' centres
+    schedule     how far loads and supports are, by tables, and supports that turn
     supports     what is held and loaded, and which rigid motions that leaves
 """

@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
+from physics.body.schedule import share
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
-from physics.scene import Material
+from physics.scene import Load, Material
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -66,15 +67,15 @@ _LEVI_CIVITA[[0, 1, 2], [1, 2, 0], [2, 0, 1]], _LEVI_CIVITA[[0, 2, 1], [2, 1, 0]
 class Pressed(Elasticity):
     """A body with pressures that follow its faces: its force and stiffness are those of the body less those of the pressures.
 
-    fraction: of the pressures that act; factored: that of the stiffness that was asked for last
+    fraction: of the steps, at which the pressures act; factored: that of the stiffness that was asked for last
     """
 
     def __init__(self, mesh: Mesh, material: Material, fixed: NDArray[np.bool_], element: str,
-                 faces: list[tuple[list[Integers], float]]) -> None:
-        """Args: faces: facets and the pressure [Pa] on them at the last step."""
+                 faces: list[tuple[list[Integers], Load]]) -> None:
+        """Args: faces: facets, and the load whose pressure they are under."""
         super().__init__(mesh, material, fixed, element)
         self.fraction = self.factored = 0.0
-        self._faces = [(facets, pressure) for group, pressure in faces for facets in group if len(facets)]
+        self._faces = [(facets, load) for group, load in faces for facets in group if len(facets)]
         self._middle = [mesh.points[np.unique(facets)].mean(axis=0) for facets, _ in self._faces]
         self._places = [_places(mesh, facets) for facets, _ in self._faces]
 
@@ -83,22 +84,27 @@ class Pressed(Elasticity):
 
     def _pressed(self, u: Floats) -> Floats:
         at = self.mesh.points + u
-        return self.fraction * sum((pressure_force(at, [facets], pressure) for facets, pressure in self._faces), np.zeros_like(at))
+        return sum((pressure_force(at, [facets], self._pressure(load)) for facets, load in self._faces), np.zeros_like(at))
+
+    def _pressure(self, load: Load) -> float:
+        """[Pa] at the fraction of the steps."""
+        assert load.pressure is not None
+        return share(load, self.fraction) * load.pressure
 
     def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats, *, scale: float = 1.0) -> None:
         super().add_stiffness(u, slot, out, scale=scale)
         self.factored = self.fraction
-        for (facets, pressure), (cell, entry, upper) in zip(self._faces, self._places, strict=True):
-            added = pressure_stiffness(self.mesh.points + u, facets, scale * self.fraction * pressure)
+        for (facets, load), (cell, entry, upper) in zip(self._faces, self._places, strict=True):
+            added = pressure_stiffness(self.mesh.points + u, facets, scale * self._pressure(load))
             np.add.at(out, slot[cell, entry], added[upper])
 
     def work(self, u: Floats) -> float:
         """[J] of the pressures up to displacements (N, 3): -p times the change of volume, each seen from the middle of its face."""
         work = 0.0
-        for (facets, pressure), middle in zip(self._faces, self._middle, strict=True):
+        for (facets, load), middle in zip(self._faces, self._middle, strict=True):
             for sign, at in ((1, self.mesh.points + u), (-1, self.mesh.points)):
-                work += sign * float((pressure_force(at, [facets], pressure) * (at - middle)).sum()) / 3
-        return self.fraction * work
+                work += sign * float((pressure_force(at, [facets], self._pressure(load)) * (at - middle)).sum()) / 3
+        return work
 
 
 def _places(mesh: Mesh, facets: Integers) -> tuple[Integers, Integers, NDArray[np.bool_]]:

@@ -1,4 +1,4 @@
-"""What holds and loads a body: held components, prescribed displacements, tractions, dead pressures. Legend: N nodes."""
+"""What holds and loads a body: held components, tractions, dead pressures. Legend: N nodes."""
 
 from __future__ import annotations
 
@@ -25,25 +25,6 @@ def held(scene: Scene, mesh: Mesh) -> NDArray[np.bool_]:
         for letter in support.fixed:
             fixed[mesh.place(support.where), "xyz".index(letter)] = True
     return fixed
-
-
-def prescribed(scene: Scene, mesh: Mesh) -> Floats:
-    """(N, 3) displacements [m] of the held components at the last step, zero elsewhere.
-
-    Raises:
-        InputError: two supports give one component of a node different displacements
-    """
-    target, given = np.zeros_like(mesh.points), np.zeros(mesh.points.shape, bool)
-    for i, support in enumerate(scene.support):
-        nodes = mesh.place(support.where)
-        for letter in support.fixed:
-            axis = "xyz".index(letter)
-            value = support.displacement[axis]
-            if (given[nodes, axis] & (target[nodes, axis] != value)).any():
-                raise InputError(f"support[{i}]: gives the {letter} displacement of nodes at {support.where!r} as {value:g} m, "
-                                 "another support gives another")
-            target[nodes, axis], given[nodes, axis] = value, True
-    return target
 
 
 def rigid_motions_left(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:

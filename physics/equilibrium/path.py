@@ -72,7 +72,7 @@ class LoadPath:
         if not last.u.any() and self.balance.rests(fraction):
             return self._append(State(fraction, last.u, last.pressure))
         try:
-            if self.linear is not None and self.balance.contact is None:
+            if self.linear is not None and self.balance.contact is None and not self.balance.varied:
                 state = self.linear.scaled(fraction)
             else:
                 state = self.newton.equilibrium(fraction, self._predict(fraction), last)
@@ -149,7 +149,7 @@ class LoadPath:
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""
         self.balance.outer(fraction)
-        return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), fraction * self.balance.target)
+        return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), self.balance.moved(fraction))
 
     def _append(self, state: State) -> State:
         """Keep a state, and choose the order of extrapolation that would have foreseen it best."""
@@ -161,6 +161,6 @@ class LoadPath:
         count = self.balance.scene.steps.count
         if self.balance.contact is None:
             return f"ask for more than {count} steps"
-        path = self.balance.contact.obstacle.path
-        stride = np.linalg.norm(np.diff(path, axis=0), axis=1).max(initial=0) * max(1, len(path) - 1) / count
+        obstacle = self.balance.contact.obstacle
+        stride = (np.linalg.norm(np.diff(obstacle.path, axis=0), axis=1) / np.diff(obstacle.reached)).max(initial=0) / count
         return f"the obstacle moves {stride / self.balance.size:.2g} cell sizes in one step"

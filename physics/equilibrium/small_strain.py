@@ -66,7 +66,7 @@ class Linear:
         balance = self.newton.balance
         points = 0 if balance.contact is None else len(balance.contact.surface.area)
         rest = np.zeros_like(balance.target)
-        start = np.where(balance.fixed, fraction * balance.target, rest)
+        start = np.where(balance.fixed, balance.moved(fraction), rest)
         return self.newton.equilibrium(fraction, start, State(0.0, rest, np.zeros(points)))
 
     def scaled(self, fraction: float) -> State:
@@ -127,6 +127,8 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, st
         return Linear(Newton(finite), Elasticity(mesh, other, finite.fixed, scene.body.element), asked=True), ""
     if finite.pressed is not None:
         return None, "finite strain: a pressure follows its face"
+    if finite.varied:
+        return None, "finite strain: loads or supports go by a table, or turn"
     fraction, depth = deepest(finite)
     extent = float(np.ptp(mesh.points, axis=0).max())
     loaded = finite.loaded

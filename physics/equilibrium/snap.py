@@ -66,7 +66,7 @@ class Relaxation(Newton):
             NoEquilibrium: it does not come to rest
         """
         balance, drag = self.balance, self.least
-        at = np.where(balance.fixed, fraction * balance.target, last.u)
+        at = np.where(balance.fixed, balance.moved(fraction), last.u)
         outer, pressure = balance.outer(fraction), last.pressure
         before, failures, peak, patience = self._potential(at, fraction), 0, 0.0, 0
         for step in range(1, STEPS + 1):

@@ -134,11 +134,19 @@ class Support:
 
     `where` is a face of a shape, a physical group of a file, or several of them with blanks between: what they have in
     common, so "x-min z-min" is an edge; or a place by coordinates. In a plane body z is held everywhere.
+
+    With `angle` the place turns as a whole about an `axis` through `centre`, by default the mean of its nodes. With `steps`, fractions
+    0 .. 1, displacement and angle are at each of them the share `factor` of what is given (tables.py).
     """
 
     where: str | Where
     fixed: str = "xyz"
     displacement: Vector = quantity((0.0, 0.0, 0.0), unit="m")
+    axis: Vector | None = None
+    angle: float | None = quantity(None, unit="degrees", at_least=-36_000, at_most=36_000)
+    centre: Vector | None = quantity(None, unit="m")
+    steps: tuple[float, ...] | None = None
+    factor: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +156,8 @@ class Load:
 
     A pressure pushes along the normal into the body. It is dead, as a traction is, or with `follower` stays normal to the face
     that moves (body/pressure.py).
-    With `sudden` it acts in full from the start, in dynamic scenes only.
+    With `sudden` it acts in full from the start, in dynamic scenes only. With `steps`, fractions 0 .. 1, it is at
+    each of them the share `factor` of what is given (tables.py).
     """
 
     where: str | Where | None = None
@@ -157,13 +166,16 @@ class Load:
     sudden: bool = False
     pressure: float | None = quantity(None, unit="Pa")
     follower: bool | None = None
+    steps: tuple[float, ...] | None = None
+    factor: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Obstacle:
     """A rigid body that touches without friction; what each shape is stands in contact/obstacles.py.
 
-    Its centre follows the way-points of `path`, reached at equal fractions of the steps, the first one at step 0.
+    Its centre follows the way-points of `path`, reached at equal fractions of the steps, or at those of `steps`, the first one at
+    step 0.
     """
 
     @staticmethod
@@ -180,6 +192,7 @@ class Obstacle:
     size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # box
     normal: Vector | None = None  # half-space, out of it
     path: tuple[Vector, ...] = quantity(unit="m")
+    steps: tuple[float, ...] | None = None
     contact: str = quantity("facets", choice=("facets", "nodes"))
 
 

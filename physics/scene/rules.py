@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Obstacle, Where
+from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Obstacle, Support, Where
+from physics.scene.tables import check_steps
 from physics.schema import InputError, nearest
 
 TAKES = NEEDS | {"box": ("size", "radius")}  # besides shape, axis, path and contact
@@ -73,6 +74,22 @@ def check_place(body: Body, where: str | Where | None, key: str) -> None:
             raise InputError(f"{key} = {word!r}: must be one of {', '.join(body.places)}{nearest(word, body.places)}")
 
 
+def check_support(support: Support, key: str) -> None:
+    """What a support holds, moves and turns."""
+    if not support.fixed or set(support.fixed) - set("xyz") or len(set(support.fixed)) != len(support.fixed):
+        raise InputError(f"{key}.fixed = {support.fixed!r}: must be some of the letters x, y and z, each once")
+    for axis, moved in zip("xyz", support.displacement, strict=True):
+        if moved and axis not in support.fixed:
+            raise InputError(f"{key}.displacement moves {axis}, which fixed = {support.fixed!r} leaves free")
+    if (support.angle is None) != (support.axis is None) or (support.centre is not None and support.angle is None):
+        raise InputError(f"{key}: a support that turns has an axis and an angle, and may have a centre")
+    if support.angle is not None and len(support.fixed) < 3:
+        raise InputError(f"{key}.angle: fixed = {support.fixed!r} leaves free what would turn; hold all of xyz")
+    if support.axis is not None and math.hypot(*support.axis) == 0:
+        raise InputError(f"{key}.axis must not be the zero vector")
+    check_steps(support.steps, support.factor, key, "factor")
+
+
 def check_load(load: Load, key: str, *, dynamic: bool, linear: bool) -> None:
     """What a load needs, and what goes with what."""
     if [load.traction, load.pressure, load.acceleration].count(None) != 2:
@@ -81,6 +98,9 @@ def check_load(load: Load, key: str, *, dynamic: bool, linear: bool) -> None:
         raise InputError(f"{key}: a traction or a pressure needs a where, an acceleration takes none")
     if load.sudden and not dynamic:
         raise InputError(f"{key}.sudden: a load can only be sudden where [steps] dynamic = true")
+    check_steps(load.steps, load.factor, key, "factor")
+    if load.sudden and load.steps is not None:
+        raise InputError(f"{key}.sudden: a load with a table is not sudden; leave one of them out")
     if load.follower and load.pressure is None:
         raise InputError(f"{key}.follower: only a pressure follows its face")
     if load.follower and dynamic:
@@ -130,4 +150,5 @@ def complete(obstacle: Obstacle) -> Obstacle:
             raise InputError(f"obstacle.{key} must not be the zero vector")
     if not obstacle.path:
         raise InputError("obstacle.path must have at least one way-point")
+    check_steps(obstacle.steps, obstacle.path, "obstacle", "path")
     return obstacle

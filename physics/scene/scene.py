@@ -12,7 +12,8 @@ import tomli_w
 
 from physics.scene.change import change
 from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
-from physics.scene.rules import check_body, check_load, check_place, complete, with_defaults
+from physics.scene.rules import check_body, check_load, check_place, check_support, complete, with_defaults
+from physics.scene.tables import with_tables
 from physics.schema import InputError, nearest, read_table, read_toml, to_table
 
 
@@ -60,7 +61,7 @@ def _load(path: str | Path, read: Callable[[dict[str, Any]], Any], changes: Sequ
         body = table.get("body")
         if isinstance(body, dict) and isinstance(body.get("path"), str):
             body["path"] = str(Path(path).parent / body["path"])
-        return read(table)
+        return read(with_tables(table, Path(path).parent))
     except InputError as error:
         text = str(error)
         raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from None
@@ -90,11 +91,7 @@ def read_scene(table: dict[str, Any]) -> Scene:
     for name, where in places:
         check_place(scene.body, where, f"{name}.where")
     for i, support in enumerate(scene.support):
-        if not support.fixed or set(support.fixed) - set("xyz") or len(set(support.fixed)) != len(support.fixed):
-            raise InputError(f"support[{i}].fixed = {support.fixed!r}: must be some of the letters x, y and z, each once")
-        for axis, moved in zip("xyz", support.displacement, strict=True):
-            if moved and axis not in support.fixed:
-                raise InputError(f"support[{i}].displacement moves {axis}, which fixed = {support.fixed!r} leaves free")
+        check_support(support, f"support[{i}]")
     for i, load in enumerate(scene.load):
         check_load(load, f"load[{i}]", dynamic=scene.steps.dynamic, linear=scene.material.law == "linear")
     if scene.steps.dynamic and scene.steps.duration is None:
