@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from physics.schema import InputError, WorkError
@@ -27,6 +28,7 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add = verb("modes", modes, "scene").add_argument
     add("--kind", choices=("elastic", "laplacian"), default="elastic", help="elastic, or laplacian: of the shape alone (elastic)")
     add("--count", type=positive, default=10, help="how many (10)")
+    add("--at", metavar="FILE:FRAME", help="elastic modes of the body as it is in that frame of its trajectory, .vtkhdf, loaded and touched")
     add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
     add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
     add("--picture", metavar="FOLDER", help="a picture and a film of each mode")
@@ -88,13 +90,38 @@ def _elastic(options: Options, spread: bool) -> Any:
         raise InputError("--dirichlet is for --kind laplacian; elastic modes take the supports of the scene")
     if Path(options.scene).suffix.lower() != ".toml":
         raise InputError(f"{options.scene}: elastic modes need a scene (.toml) with a material; its [body] may name a mesh file")
-    return elastic_modes(load_scene(options.scene, options.set), count=options.count, spread=spread)
+    scene = load_scene(options.scene, options.set)
+    if options.at is None:
+        return elastic_modes(scene, count=options.count, spread=spread)
+    mesh, state = _state(scene, options.at)
+    return elastic_modes(scene, count=options.count, spread=spread, mesh=mesh, at=state)
+
+
+def _state(scene: Any, at: str) -> tuple[Any, tuple[Any, float]]:
+    """The mesh of a scene, and displacements and fraction of the loading in a frame of its trajectory. Raises `InputError`."""
+    from datagen.files.trajectory import read_sound
+    from physics.mesh.build import build_mesh
+
+    path, _, frame = at.rpartition(":")
+    if not path or not frame.isdecimal():
+        raise InputError(f"--at {at}: must be a trajectory and the number of a frame, as in press.vtkhdf:40")
+    trajectory = read_sound(path, complete=False)
+    if trajectory.scene != scene.to_toml():
+        raise InputError(f"--at {path}: is not a trajectory of this scene, whose loads and obstacle it takes; simulate it anew")
+    frames, mesh = len(trajectory.displacement), build_mesh(scene.body)
+    if int(frame) >= frames:
+        raise InputError(f"--at {at}: has frames 0 .. {frames - 1}")
+    if not np.array_equal(trajectory.mesh.points, mesh.points):
+        raise InputError(f"--at {path}: its mesh is not the one that the scene builds")
+    return mesh, (trajectory.displacement[int(frame), trajectory.body].astype(np.float64), int(frame) / scene.steps.count)
 
 
 def _laplacian(options: Options, spread: bool) -> Any:
     from physics.modes.laplacian import laplacian_modes
     from physics.scene import load_body
 
+    if options.at is not None:
+        raise InputError("--at is for elastic modes; those of a shape alone know no load")
     if options.set:
         raise InputError("--set is for elastic modes and simulate; a shape alone has nothing to change but its mesh")
     names = options.dirichlet

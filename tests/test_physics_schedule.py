@@ -72,7 +72,8 @@ def test_an_obstacle_by_a_table_presses_and_lets_go():
 
 
 @pytest.mark.parametrize("axis, angle, expected", [
-    ([0, 0, 2.0], 90.0, [-2, 1, 3]), ([1.0, 0, 0], 90.0, [1, -3, 2]), ([0, 1.0, 0], 180.0, [-1, 2, -3]), ([1.0, 1.0, 1.0], 120.0, [3, 1, 2])])
+    ([0, 0, 2.0], 90.0, [-2, 1, 3]), ([1.0, 0, 0], 90.0, [1, -3, 2]), ([0, 1.0, 0], 180.0, [-1, 2, -3]),
+    ([1.0, 1.0, 1.0], 120.0, [3, 1, 2])])
 def test_a_turn_is_the_rotation_of_textbooks(axis, angle, expected):
     support = Support(where="x-max", axis=tuple(axis), angle=angle, centre=(0.0, 0.0, 0.0))
     np.testing.assert_allclose(turned(np.array([[1.0, 2.0, 3.0]]), support, 1.0), [expected], atol=1e-14)

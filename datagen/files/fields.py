@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.files.trajectory import Trajectory, as_solved
-from physics.body.recovery import nodal_stress, recovery
-from physics.body.stress import von_mises_of
+from physics.body.stress import nodal_stress, recovery, von_mises_of
 from physics.scene import Scene
 from physics.solution import Solution
 

@@ -150,6 +150,12 @@ class Newton:
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - outer, touch)
 
+    def pressing(self, state: State) -> Felt | None:
+        """Contact at the points that press in a state; None when none does."""
+        touch = self._touch(state.fraction, state.u, state.pressure)
+        points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
+        return None if touch is None or not len(points) else self._felt(touch, points)
+
     def outdate(self) -> None:
         """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
         self.tangent.stale = True

@@ -39,6 +39,7 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, pieces
 from physics.modes import locking
+from physics.modes.loaded import loaded_stiffness
 from physics.scene import Scene
 from physics.schema import InputError
 
@@ -92,21 +93,25 @@ class Modes:
 
 
 def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, spread: bool = False,
-                  method: str | None = None) -> Modes:
-    """The lowest elastic modes of a scene's body on its supports; loads and obstacle play no part.
+                  method: str | None = None, at: tuple[Floats, float] | None = None) -> Modes:
+    """The lowest elastic modes of a scene's body on its supports; loads and obstacle play no part, unless `at` a loaded state.
 
     Args:
+        at: displacements (N, 3) [m] of a state, and its fraction of the loading: the modes are of the body as it then is (loaded.py)
         mesh: of the body, if it has been built already
         spread: over all processes of an MPI run; every one gets the whole answer
         method: "direct" or "multigrid" instead of the choice by size
 
     Raises:
         InputError: more modes are asked for than the body has free components, or a support names no place
-        RuntimeError: fewer pairs were found than asked for
+        RuntimeError: fewer pairs were found than asked for, or there is no stable equilibrium beside the state
     """
     started = time.perf_counter()
     mesh = mesh or build_mesh(scene.body)
     problem, space = elastic_problem(scene, mesh, spread=spread)
+    loaded: tuple[str, ...] = ()
+    if at is not None:
+        problem, space, loaded = _at(problem, scene, mesh, at, spread)
     dofs = space.comm.allreduce(int(problem.free.sum()))
     if count > dofs:
         raise InputError(f"{count} modes asked for, the body has {dofs} free components")
@@ -131,7 +136,7 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
         participation=np.pad(participation * sign, ((0, 0), (0, len(still)))) * np.sqrt(thickness),
         free_mass=np.concatenate([free_mass, still]) * thickness, dofs=dofs, rigid=pairs.zeros,
         rigid_expected=problem.zeros, cells=cells, solver=pairs.solver,
-        remarks=(*remarks(pairs, problem, mesh), *pieces_held(scene, mesh), *stiff), seconds=time.perf_counter() - started)
+        remarks=(*loaded, *remarks(pairs, problem, mesh), *pieces_held(scene, mesh), *stiff), seconds=time.perf_counter() - started)
 
 
 def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[Problem, fem.Space]:
@@ -165,6 +170,16 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
     zeros = sum(rigid_motions_left(replace(mesh, points=mesh.points[part]), fixed[part]) for part in pieces(mesh))
     return Problem(stiffness=stiffness, mass=mass, free=free.ravel(), zeros=zeros, scale=_first_bending(scene, mesh),
                    dimension=mesh.dimension, near_null=_rigid_motions(space)), space
+
+
+def _at(problem: Problem, scene: Scene, mesh: Mesh, at: tuple[Floats, float], spread: bool) -> tuple[Problem, fem.Space, tuple[str, ...]]:
+    """A problem of the body at rest, made that of a loaded state, its space, and a remark."""
+    if spread:
+        raise InputError("modes of a loaded body are found by one process; leave mpirun out")
+    for matrix in (problem.stiffness, problem.mass):
+        matrix.destroy()
+    stiffness, space, said = loaded_stiffness(scene, mesh, *at)
+    return replace(problem, stiffness=stiffness, mass=fem.mass_matrix(space, scene.material.density, stiffness)), space, (said,)
 
 
 def amplitudes(modes: Modes) -> Floats:

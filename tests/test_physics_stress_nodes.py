@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physics.body.recovery import nodal_stress, recovery
-from physics.body.stress import von_mises_of
+from physics.body.stress import nodal_stress, recovery, von_mises_of
 from physics.mesh.build import build_mesh
 from physics.scene import Body
 from physics.solution import solve
