@@ -28,7 +28,7 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add = verb("modes", modes, "scene").add_argument
     add("--kind", choices=("elastic", "laplacian"), default="elastic", help="elastic, or laplacian: of the shape alone (elastic)")
     add("--count", type=positive, default=10, help="how many (10)")
-    add("--at", metavar="FILE:FRAME", help="elastic modes of the body as it is in that frame of its trajectory, .vtkhdf, loaded and touched")
+    add("--at", metavar="FILE:FRAME", help="elastic modes of the body as it is in that frame of its trajectory, .vtkhdf")
     add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
     add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
     add("--picture", metavar="FOLDER", help="a picture and a film of each mode")

@@ -7,6 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from datagen.sets.check import against_scene
+from datagen.sets.generate import trajectory_of
 from physics import journal
 from physics.body.material import lame
 from physics.body.pressure import Pressed, pressure_force, pressure_stiffness
@@ -132,6 +134,7 @@ def test_a_pressed_cantilever_is_an_elastica_whose_load_turns_with_it():
     assert solution.relative_residual.max() <= 1e-6
     dead = solve(strip(7.5))
     assert abs(dead.displacement[-1, mesh.points[:, 0] > 0.1999].mean(axis=0)[0] - (along - 0.2)) > 0.01
+    assert against_scene(trajectory_of(strip(7.5, follower=True), solution=solution)) == []
     checker = Checker(strip(7.5, follower=True), mesh)
     assert checker.frame(solution.displacement[-1], 1.0).residual <= 1e-5 * np.linalg.norm(solution.reaction[-1])
     assert checker.frame(dead.displacement[-1], 1.0).residual > 0.01 * np.linalg.norm(solution.reaction[-1])

@@ -37,10 +37,12 @@ def test_every_default():
                  "element": "standard", "path": None, "scale": None, "hole_centre": None, "hole_radius": None, "plane": None,
                  "thickness": None},
         "material": {"law": "neo-hookean", "young_modulus": 1e6, "poisson_ratio": 0.4, "density": 1000.0},
-        "support": ({"where": "x-min", "fixed": "xyz", "displacement": (0.0, 0.0, 0.0)},),
-        "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False},),
+        "support": ({"where": "x-min", "fixed": "xyz", "displacement": (0.0, 0.0, 0.0), "axis": None, "angle": None, "centre": None,
+                     "steps": None, "factor": None},),
+        "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False, "pressure": None,
+                  "follower": None, "steps": None, "factor": None},),
         "obstacle": {"shape": "sphere", "radius": 0.01, "axis": (0.0, 1.0, 0.0), "length": None, "size": None, "normal": None,
-                     "path": ((0.0, 0.0, 1.0),), "contact": "facets"},
+                     "path": ((0.0, 0.0, 1.0),), "steps": None, "contact": "facets"},
         "steps": {"count": 400, "duration": None, "dynamic": False, "velocity": None}}
     bare = scene()
     assert bare.support == () and bare.load == () and bare.obstacle is None
@@ -207,10 +209,10 @@ def test_rules_of_supports_and_loads():
     refused("support[0].where = 'z-min'", body=PLATE, support=[{"where": "z-min"}])
     anything = scene(body={"shape": "file", "path": "a"}, support=[{"where": "wall of brick"}])
     assert anything.support[0].where == "wall of brick"
-    refused("load[1]: give exactly one of traction and acceleration", load=[{"acceleration": [0, 0, 1]}, {}])
+    refused("load[1]: give exactly one of traction, pressure and acceleration", load=[{"acceleration": [0, 0, 1]}, {}])
     refused("load[0]: give exactly one", load=[{"where": "x-min", "traction": [0, 0, 1], "acceleration": [0, 0, 1]}])
-    refused("load[0]: a traction needs a where, an acceleration takes none", load=[{"traction": [0, 0, 1]}])
-    refused("load[0]: a traction needs a where, an acceleration takes none", load=[{"where": "x-min", "acceleration": [0, 0, 1]}])
+    refused("load[0]: a traction or a pressure needs a where, an acceleration takes none", load=[{"traction": [0, 0, 1]}])
+    refused("load[0]: a traction or a pressure needs a where, an acceleration takes none", load=[{"where": "x-min", "acceleration": [0, 0, 1]}])
 
 
 def test_rules_of_steps():
