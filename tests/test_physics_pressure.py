@@ -15,7 +15,7 @@ from physics.body.pressure import Pressed, pressure_force, pressure_stiffness
 from physics.fidelity.verify import Checker
 from physics.mesh.build import build_mesh
 from physics.mesh.quality import cell_volumes
-from physics.scene import Body, Material, Scene, read_scene
+from physics.scene import Body, Load, Material, Scene, read_scene
 from physics.schema import InputError
 from physics.solution import solve
 from tests.scenes import beam
@@ -67,7 +67,7 @@ def test_the_stiffness_of_a_facet_is_the_symmetric_part_of_its_derivative(corner
 def test_on_a_closed_face_the_tangent_is_the_whole_derivative(cell):
     mesh, u = warped(cell)
     soft, free = Material(young_modulus=1e-9, poisson_ratio=0.0), np.zeros(mesh.points.shape, bool)
-    body = Pressed(mesh, soft, free, "standard", [(mesh.boundary, 50.0)])
+    body = Pressed(mesh, soft, free, "standard", [(mesh.boundary, Load(where="x-max", pressure=50.0, follower=True))])
     body.fraction, v, h = 0.5, np.random.default_rng(7).normal(size=u.shape), 1e-6
     matrix = body.stiffness(u)
     right, left = matrix.createVecs()

@@ -212,7 +212,8 @@ def test_rules_of_supports_and_loads():
     refused("load[1]: give exactly one of traction, pressure and acceleration", load=[{"acceleration": [0, 0, 1]}, {}])
     refused("load[0]: give exactly one", load=[{"where": "x-min", "traction": [0, 0, 1], "acceleration": [0, 0, 1]}])
     refused("load[0]: a traction or a pressure needs a where, an acceleration takes none", load=[{"traction": [0, 0, 1]}])
-    refused("load[0]: a traction or a pressure needs a where, an acceleration takes none", load=[{"where": "x-min", "acceleration": [0, 0, 1]}])
+    refused("load[0]: a traction or a pressure needs a where, an acceleration takes none",
+            load=[{"where": "x-min", "acceleration": [0, 0, 1]}])
 
 
 def test_rules_of_steps():
