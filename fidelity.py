@@ -7,6 +7,7 @@ Exit status: 0 done, 1 the work failed (with what was saved and where), 2 the in
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import math
 import os
@@ -14,6 +15,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
+
+import numpy as np
 
 from datagen.files.prediction import finite
 from datagen.scene_verbs import add_scene_verbs
@@ -68,11 +71,15 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 def verify(options: Options) -> dict[str, Any]:
     """Any prediction in the trajectory format, or a folder of them, held against its reference and against the equations."""
+    from datagen.files.places import remarks_on_file
     from datagen.files.prediction import lines, verify_files
+    from datagen.files.trajectory import read_trajectory
 
     result = verify_files(options.prediction, options.reference, _writable(options.out))
     for line in lines(result):
         _say(options, line)
+    for remark in remarks_on_file(read_trajectory(options.reference).extra) if Path(options.reference).is_file() else ():
+        _say(options, f"remark: {remark}")
     return result
 
 
@@ -117,7 +124,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if PROCESSES > 1 and options.verb not in (("train",) if TOGETHER else ("modes", "simulate")):
             raise InputError(f"{options.verb} runs as one process; several share modes and simulate (mpirun) and train (torchrun)")
-        result = options.verb_function(options)
+        with np.errstate(all="ignore"):  # what overflows is found in the results, and said there in words
+            result = options.verb_function(options)
         if options.json and RANK == 0:
             print(json.dumps(finite(result)))
         return 0
@@ -130,14 +138,14 @@ def main(arguments: list[str] | None = None) -> int:
     except MemoryError:
         return _fail("out of memory; finished files are kept", 1)
     except OSError as error:
-        return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 1)
+        return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 2 if error.errno == errno.ENAMETOOLONG else 1)
     except KeyboardInterrupt:
         return _fail("stopped; finished files are kept", 130)
 
 
 def _fail(message: str, status: int) -> int:
     if RANK == 0:
-        print("fidelity: " + " ".join(message.split("\n")), file=sys.stderr)
+        print("fidelity: " + "".join(letter if letter.isprintable() else " " for letter in message), file=sys.stderr)
     return status
 
 

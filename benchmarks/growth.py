@@ -42,7 +42,7 @@ def measure(run: str | None, steps: int) -> list[dict]:
     rows = []
     for cells in CELLS:
         case = press(cells, steps)
-        warm_up(case.scene)
+        warm_up(case)
         for predictor in predictors:
             try:
                 seconds, found = footing.cost(predictor.predict, case)

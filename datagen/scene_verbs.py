@@ -99,16 +99,17 @@ def _elastic(options: Options, spread: bool) -> Any:
 
 def _state(scene: Any, at: str) -> tuple[Any, tuple[Any, float]]:
     """The mesh of a scene, and displacements and fraction of the loading in a frame of its trajectory. Raises `InputError`."""
-    from datagen.files.trajectory import read_sound
-    from physics.mesh.build import build_mesh
+    from datagen.files.trajectory import read_sound, solved_on
+    from physics.scene import Scene
 
     path, _, frame = at.rpartition(":")
     if not path or not frame.isdecimal():
         raise InputError(f"--at {at}: must be a trajectory and the number of a frame, as in press.vtkhdf:40")
     trajectory = read_sound(path, complete=False)
-    if trajectory.scene != scene.to_toml():
+    own = Scene.from_toml(trajectory.scene) if trajectory.scene else None
+    if own is None or replace(own, body=replace(own.body, path=scene.body.path)) != scene:
         raise InputError(f"--at {path}: is not a trajectory of this scene, whose loads and obstacle it takes; simulate it anew")
-    frames, mesh = len(trajectory.displacement), build_mesh(scene.body)
+    frames, mesh = len(trajectory.displacement), solved_on(own, trajectory)
     if int(frame) >= frames:
         raise InputError(f"--at {at}: has frames 0 .. {frames - 1}")
     if not np.array_equal(trajectory.mesh.points, mesh.points):
@@ -132,16 +133,21 @@ def _laplacian(options: Options, spread: bool) -> Any:
 def _write_modes(out: Path, options: Options, found: Any) -> None:
     """The shapes as .vtu, or as a trajectory file of the rest state alone."""
     if out.suffix == ".vtkhdf":
+        from datagen.files.places import mesh_file, places_of
         from datagen.files.trajectory import at_rest, write_trajectory
         from physics.scene import load_scene
 
         elastic = options.kind == "elastic"
         shapes = found.pictured if elastic else found.pictured[:, :, None] * [0.0, 0.0, 1.0]
-        text = Path(options.scene).read_text() if Path(options.scene).suffix.lower() == ".toml" else ""
-        if options.set:
-            text = load_scene(options.scene, options.set).to_toml()
-        write_trajectory(out, at_rest(found.mesh, shapes, scene=text, frequencies_hz=found.frequencies_hz if elastic else (),
-                                      extra={} if elastic else {"laplacian_eigenvalues": found.eigenvalues.tolist()}))
+        about: dict[str, Any]
+        if not elastic:
+            about = {"extra": {"laplacian_eigenvalues": found.eigenvalues.tolist()}}
+        else:
+            scene = load_scene(options.scene, options.set)
+            about = {"scene": scene.to_toml(), "frequencies_hz": found.frequencies_hz}
+            if scene.body.shape == "file":
+                about |= {"places": places_of(found.mesh), "extra": {"mesh_file": mesh_file(scene)}}
+        write_trajectory(out, at_rest(found.mesh, shapes, **about))
     else:
         from physics.mesh.files import write_mesh
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from learning.networks.m4gn import M4GNConfig
+from learning.networks.sections import SectionsConfig
 from learning.segments.features import METHODS, MODES
 from physics.schema import InputError, quantity, read_table, read_toml
 
@@ -71,10 +72,41 @@ class TrainConfig:
                              "tells the velocity")
 
 
-def load_config(path: str | Path) -> TrainConfig:
-    """A config from a TOML file. Raises `InputError` in one line when anything about it is wrong."""
+@dataclass(frozen=True, kw_only=True)
+class SlenderConfig:
+    """What a training of a predictor of beams is asked to do (slender/), `[network] kind = "sections"`.
+
+    frames: that are learned from in each trajectory, evenly spaced from the first touch on
+    poses: at which a path is predicted; splines lead from one to the next
+    batch_size: poses
+    learning_rate: of AdamW, falling to zero by a cosine
+    steps, budget_seconds: training ends at whichever is reached first, and so does the cosine; reading the data is not counted
+    validate_every: steps between checkpoints
+    coverage: share of validation frames that the error bar shall cover
+    unsure_above: a frame is unsure when its error bar is longer
+    """
+
+    frames: int = quantity(50, at_least=2)
+    poses: int = quantity(32, at_least=4, at_most=1000)
+    network: SectionsConfig = field(default_factory=SectionsConfig)
+    batch_size: int = quantity(96, at_least=1, at_most=100_000)
+    steps: int = quantity(1_000_000, at_least=1)
+    budget_seconds: float | None = quantity(None, unit="s", above=0)
+    learning_rate: float = quantity(2e-3, above=0)
+    weight_decay: float = quantity(1e-2, at_least=0)
+    clip_norm: float = quantity(1.0, above=0)
+    validate_every: int = quantity(1000, at_least=1)
+    coverage: float = quantity(0.9, above=0, below=1)
+    unsure_above: float = quantity(3e-4, unit="m", above=0)
+    seed: int = quantity(0, at_least=0)
+
+
+def load_config(path: str | Path) -> TrainConfig | SlenderConfig:
+    """A config from a TOML file, of the kind that its network is. Raises `InputError` in one line when anything about it is wrong."""
     table = read_toml(path)
+    network = table.get("network")
+    of_sections = isinstance(network, dict) and "kind" in network
     try:
-        return read_table(TrainConfig, table)
+        return read_table(SlenderConfig, table) if of_sections else read_table(TrainConfig, table)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

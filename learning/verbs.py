@@ -91,7 +91,7 @@ def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """A network, trained on a data set."""
     from datagen.sets.dataset import files
     from learning.config import load_config
-    from learning.training.train import train as run
+    from learning.training.kinds import train as run
 
     config = load_config(options.config)
     if options.seconds is not None:

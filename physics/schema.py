@@ -52,7 +52,7 @@ class Bound:
                 continue
             if isinstance(entry, str):
                 if self.choice and entry not in self.choice:
-                    raise InputError(f"{where} = {entry!r}: must be one of {', '.join(self.choice)}{nearest(entry, self.choice)}")
+                    raise InputError(f"{where} = {shown(entry)}: must be one of {', '.join(self.choice)}{nearest(entry, self.choice)}")
                 continue
             for ok, limit, words in (
                 (self.above is None or entry > self.above, self.above, "above"),
@@ -61,7 +61,7 @@ class Bound:
                 (self.at_most is None or entry <= self.at_most, self.at_most, "at most"),
             ):
                 if not ok:
-                    raise InputError(f"{where} = {entry!r}: must be {words} {limit:g}{' ' + self.unit if self.unit else ''}")
+                    raise InputError(f"{where} = {shown(entry)}: must be {words} {limit:g}{' ' + self.unit if self.unit else ''}")
 
 
 def quantity(default: Any = MISSING, *, unit: str = "", above: float | None = None, below: float | None = None,
@@ -74,12 +74,23 @@ def quantity(default: Any = MISSING, *, unit: str = "", above: float | None = No
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The table in a TOML file. Raises `InputError` when there is none or when it is not TOML."""
     try:
-        text = Path(path).read_bytes().decode()
-        return tomllib.loads(text)
+        return parse_toml(Path(path).read_bytes().decode())
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # what is no text, no TOML, or no path
         raise InputError(f"{path}: not a TOML file: {error}") from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The table in a text. Raises `InputError` when it is not TOML."""
+    if text.startswith("\ufeff"):
+        raise InputError("it begins with a byte-order mark; save it as UTF-8 without one")
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
+        raise InputError(str(error)) from None
+    except RecursionError:
+        raise InputError("it is nested too deeply") from None
 
 
 def read_table(kind: type[T], table: Any, where: str = "") -> T:
@@ -124,6 +135,14 @@ def to_table(value: Any) -> Any:
     return [to_table(entry) for entry in value] if isinstance(value, list) else value
 
 
+def shown(value: Any) -> str:
+    """A value of a stranger's file as it stands in a message: a long one is cut."""
+    if type(value) is int and abs(value) >= 10**20:
+        return f"{'-' if value < 0 else ''}(an integer of {value.bit_length()} bits)"
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:60]}... ({len(text)} characters)"
+
+
 def nearest(word: str, known: typing.Iterable[str]) -> str:
     """'; did you mean X?' for the known word nearest to a given one, or nothing."""
     found = difflib.get_close_matches(word, list(known), n=1)
@@ -164,9 +183,13 @@ def _value(hint: Any, value: Any, where: str) -> Any:
             raise InputError(f"{where} must have {len(arguments)} entries, not {len(value)}")
         return tuple(_value(arguments[0], entry, f"{where}[{i}]") for i, entry in enumerate(value))
     if hint is float and type(value) in (int, float):
-        if not math.isfinite(value):
-            raise InputError(f"{where} = {value}: must be finite")
-        return float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise InputError(f"{where} = {shown(value)}: must be finite" + "; the largest number is 1.8e308" * (type(value) is int))
+        return number
     if type(value) is not hint:
         wanted = {float: "a number", int: "an integer", str: "a string", bool: "a boolean"}[hint]
         raise InputError(f"{where} must be {wanted}, not {_name(value)}")

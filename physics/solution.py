@@ -159,7 +159,8 @@ def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread:
 def identity(scene: Scene, mesh: Mesh) -> str:
     """One line that no other scene has, nor this one with another mesh in its file."""
     digest = hashlib.sha256(scene.to_toml().encode())
-    for array in (mesh.points, mesh.cells):
+    of_file = [mesh.places[name] for name in sorted(mesh.places)] if scene.body.shape == "file" else []
+    for array in (mesh.points, mesh.cells, *of_file):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 

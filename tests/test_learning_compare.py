@@ -30,7 +30,7 @@ CHEAPER = [
 
 
 def model(estimate: bool = False):
-    return SimpleNamespace(config=SimpleNamespace(estimate=estimate))
+    return SimpleNamespace(config=SimpleNamespace(estimate=estimate), title="M4GN")
 
 
 @pytest.fixture
@@ -89,14 +89,14 @@ def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its
 
 def test_two_runs_of_one_name_are_refused():
     with pytest.raises(InputError, match="the folders a/run, b/run must have different names"):
-        module.predictors({"a/run": None, "b/run": None})
+        module.predictors({"a/run": model(), "b/run": model()})
 
 
 def test_each_is_cheaper_by_what_its_name_says(monkeypatch):
     """What the solver is asked for: cells, steps, tolerance and law of each, for 30 steps of a beam of 12 x 4 x 4 cells."""
     asked = {}
 
-    def follow(scene, tolerance):
+    def follow(scene, tolerance, mesh=None):
         asked[name] = (scene.body.divisions, scene.steps.count, tolerance, scene.material.law)
         raise LeftOut("enough")
 
@@ -121,7 +121,7 @@ def test_two_kinds_of_newton_are_one_step_and_the_whole_iteration(monkeypatch):
     monkeypatch.setattr("learning.prediction.surrogates._modes_seconds", lambda model, case: 0.0)
     for each in module.predictors({"a": model()})[1:3]:
         with pytest.raises(ZeroDivisionError):
-            each.predict(Case("", None, None, None))
+            each.predict(Case("", None, "scene", None))
     assert asked == [1, None]
 
 

@@ -112,7 +112,7 @@ class Road:
         self.now, self.asked, self.mesh = 0.0, [], None
         road = self
 
-        def solve(scene, *, tolerance, partial):
+        def solve(scene, *, mesh, tolerance, partial):
             road.scene, road.mesh, road.tolerance = scene, build_mesh(scene.body), tolerance
             road.now += 7
             u, failure = [np.zeros_like(road.mesh.points)], ""

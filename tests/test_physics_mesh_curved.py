@@ -6,10 +6,10 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import jvp, yvp
 
-from physics.mesh.boxes import box, rectangle
 from physics.mesh.cell import CELLS
 from physics.mesh.files import read_mesh
 from physics.mesh.formats.raw import VTK_MIDDLES
+from physics.mesh.shapes.boxes import box, rectangle
 from physics.mesh.sound.curved import complete, entities, smallest_jacobian
 from physics.modes.laplacian import laplacian_modes
 from physics.scene import Body

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from physics.fem import OLD
-from physics.mesh.boxes import box
 from physics.mesh.cell import CELLS
 from physics.mesh.files import read_mesh
+from physics.mesh.shapes.boxes import box
 from physics.modes.elastic import elastic_modes
 from physics.scene import Body, read_scene
 from physics.schema import InputError

@@ -5,10 +5,10 @@ import pytest
 
 import fidelity
 from physics.body.supports import nodal_areas, traction_load
-from physics.mesh.boxes import box
 from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.places import called
+from physics.mesh.shapes.boxes import box
 from physics.modes.elastic import elastic_modes
 from physics.scene import Body, Where, load_scene, read_scene
 from physics.schema import InputError

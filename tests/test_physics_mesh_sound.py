@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from physics.mesh import files as meshfile
-from physics.mesh.boxes import box, rectangle
 from physics.mesh.files import read_mesh
 from physics.mesh.formats.others import of_meshio
 from physics.mesh.quality import det_f
+from physics.mesh.shapes.boxes import box, rectangle
 from physics.mesh.sound.cells import by_shape
 from physics.modes.elastic import elastic_modes
 from physics.scene import Body, read_scene

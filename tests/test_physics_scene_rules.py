@@ -80,7 +80,7 @@ BOUNDS += [
     ("material", "poisson_ratio", -0.999, -1.0, "above -1"), ("material", "poisson_ratio", 0.4999, 0.5, "below 0.5"),
     ("material", "density", 1e-12, 9.9e-13, "at least 1e-12 kg/m3"), ("material", "density", 1e12, 1.01e12, "at most 1e+12 kg/m3"),
     ("material", "density", 1.0, 0.0, "above 0 kg/m3"),
-    ("obstacle", "radius", 1e-12, -1e-12, "at least 0 m"),
+    ("obstacle", "radius", 1e-9, -1e-12, "at least 0 m"), ("obstacle", "radius", 1e-9, 0.9e-9, "at least 1e-09 m"),
     ("steps", "count", 1, 0, "at least 1"), ("steps", "count", 1_000_000, 1_000_001, "at most 1e+06"),
     ("steps", "duration", 1e-9, 9.9e-10, "at least 1e-09 s"), ("steps", "duration", 1e9, 1.01e9, "at most 1e+09 s"),
     ("steps", "duration", 1.0, 0.0, "above 0 s"),
@@ -96,12 +96,13 @@ def test_every_bound_from_both_sides(table, key, inside, outside, words):
     assert str(caught.value).startswith(f"{table}.{key} = ") and str(caught.value).endswith(f": must be {words}")
 
 
-@pytest.mark.parametrize("table, key, unit", [("body", "hole_centre", "m"), ("support", "displacement", "m"), ("load", "traction", "Pa"),
-                                              ("load", "acceleration", "m/s2"), ("obstacle", "path", "m"), ("steps", "velocity", "m/s")])
-def test_units_of_what_has_no_bounds(table, key, unit):
+@pytest.mark.parametrize("table, key, unit, far", [
+    ("body", "hole_centre", "m", 1e9), ("support", "displacement", "m", 1e9), ("load", "traction", "Pa", 1e18),
+    ("load", "acceleration", "m/s2", 1e18), ("obstacle", "path", "m", 1e9), ("steps", "velocity", "m/s", 1e9)])
+def test_units_of_what_has_two_signs_and_bounds_that_nobody_reaches(table, key, unit, far):
     kind = {"body": module.Body, "support": module.Support, "load": module.Load, "obstacle": module.Obstacle, "steps": module.Steps}[table]
     bound = next(field for field in dataclasses.fields(kind) if field.name == key).metadata["bound"]
-    assert bound.unit == unit and (bound.above, bound.below, bound.at_least, bound.at_most) == (None,) * 4
+    assert bound.unit == unit and (bound.above, bound.below, bound.at_least, bound.at_most) == (None, None, -far, far)
 
 
 @pytest.mark.parametrize("table, key, known", [

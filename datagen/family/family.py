@@ -57,12 +57,13 @@ class Splits:
 
 @dataclass(frozen=True)
 class Family:
-    """A family as it stands in its file: `table` is what TOML made of `text`, without [splits]."""
+    """A family as it stands in its file, in a folder: `table` is what TOML made of `text`, without [splits]."""
 
     name: str
     text: str
     table: dict[str, Any]
     splits: Splits
+    folder: Path = Path()
 
 
 def load_family(name: str | Path) -> Family:
@@ -82,7 +83,7 @@ def load_family(name: str | Path) -> Family:
     try:
         whole = Splits(train=min(points(table), LARGEST_SPLIT), valid=0, test=0) if points(table) > 1 else Splits()
         splits = read_table(Splits, table.pop("splits"), "splits") if "splits" in table else whole
-        family = Family(str(table.get("name", path.stem)), path.read_text(), table, splits)
+        family = Family(str(table.get("name", path.stem)), path.read_text(), table, splits, path.parent)
         draw(family, 0, 0)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -123,6 +124,9 @@ def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
     key = (seed, index, attempt)
     at_point, _ = _on_grid(family.table, index % LARGEST_SPLIT, "")
     table = _drawn(_with_case(at_point, key), "", key)
+    body = table.get("body")
+    if isinstance(body, dict) and isinstance(body.get("path"), str):
+        body["path"] = str(family.folder / body["path"])
     obstacle = table.get("obstacle")
     if isinstance(obstacle, dict) and "place" in obstacle:
         table["obstacle"] = placed(table)

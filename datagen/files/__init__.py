@@ -1,6 +1,8 @@
 """One trajectory on disk.
 
     trajectory   its format: write, read, check
+    layout       whether arrays have the shapes of the format
+    places       what is kept of a mesh file
     fields       what a file can hold of a solution besides its displacements: stress
     tfrecord     records of TensorFlow, byte by byte
     inputs       what a predictor may see of one, as arrays

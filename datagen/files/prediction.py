@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.trajectory import Trajectory, as_solved, holds_positions, read_sound, read_trajectory
+from datagen.files.trajectory import Trajectory, as_solved, holds_positions, read_sound, read_trajectory, solved_on
 from physics.fidelity.figures import FIGURES, gathered, shown, verdict
 from physics.fidelity.verify import as_table, verify
-from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
 from physics.schema import InputError
@@ -34,16 +33,28 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
     Raises:
         InputError: something is wrong in the file, it holds no scene or a dynamic one, or its mesh is not the one that its scene builds
     """
-    trajectory = read_sound(path)
-    if not trajectory.scene:
+    trajectory, scene, mesh = read_reference(path)
+    if scene is None:
         raise InputError(f"{path}: holds no scene, so there are no equations to hold a prediction against")
+    return trajectory, scene, mesh
+
+
+def read_reference(path: str | Path) -> tuple[Trajectory, Scene | None, Mesh]:
+    """The same, with None for the scene of a trajectory that holds none, such as an imported one: errors can be told, no more."""
+    trajectory = read_sound(path)
+    if len(trajectory.displacement) < 2:
+        raise InputError(f"{path}: a single frame, so there is no step to predict")
+    if not trajectory.free[trajectory.body].any():
+        raise InputError(f"{path}: no node is free to move, so there is nothing to predict")
+    if not trajectory.scene:
+        return trajectory, None, trajectory.mesh
     try:
         scene = Scene.from_toml(trajectory.scene)
     except InputError as error:
         raise InputError(f"{path}: its scene is wrong: {error}") from None
     if scene.steps.dynamic:
         raise InputError(f"{path}: a body in motion; predictions are held against the equations of equilibrium, which it does not obey")
-    mesh, own = build_mesh(scene.body), trajectory.mesh
+    mesh, own = solved_on(scene, trajectory), trajectory.mesh
     if not (np.array_equal(own.points, mesh.points) and np.array_equal(own.cells, mesh.cells)):
         raise InputError(f"{path}: its mesh is not the one that its scene builds")
     return trajectory, as_solved(scene, trajectory, len(trajectory.displacement) - 1), mesh
@@ -93,13 +104,15 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
         the figures of `physics.fidelity.verify.Fidelity` in SI units, of several files their means, of extremes the extreme;
         "nothing_moves": those of a body that stays at rest; "units", "verdict" in words, and for folders "files": the figures of each
 
+    Where the reference has no scene, those of the equations are not numbers.
+
     Raises:
-        InputError: a file is damaged or not finite, they are not of the same mesh and steps, or the reference holds no scene
+        InputError: a file is damaged or not finite, or they are not of the same mesh and steps
     """
     pairs = _pairs(Path(prediction), Path(reference))
     several, each, still, worst = Path(prediction).is_dir(), {}, [], None
     for name, file, truth_file in pairs:
-        truth, scene, mesh = read_truth(truth_file)
+        truth, scene, mesh = read_reference(truth_file)
         u, body = read_prediction(file, truth, truth_file), truth.body
         v, free = truth.displacement[:, body], truth.free[body]
         found = as_table(verify(u, v, scene=scene, mesh=mesh, free=free))

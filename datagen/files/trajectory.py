@@ -30,6 +30,8 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         kinetic_energy          (T,) float64     [J] of dynamic scenes
       Steps                     @NSteps T; Values (T,) 0 .. steps, of dynamic scenes the times [s]; offsets that tell a reader
                                 where each frame starts
+    /places                     of a body from a mesh file: @names (JSON), and under 0, 1, ... of each place nodes (n,) and what it
+                                is made of, such as triangle (n, 3); int64 node numbers (places.py)
     /                           @schema, @scene (TOML), @seed, @index, @versions (JSON), @commit, @complete, @frequencies_hz,
                                 @extra (JSON: whatever else the writer knows, such as the run that made a rollout)
 
@@ -48,6 +50,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.files.layout import misshapen
+from datagen.files.places import Places, read_places, with_places, write_places, wrong_places
+from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
@@ -81,6 +86,7 @@ class Trajectory:
     commit: str = ""
     complete: bool = True
     extra: dict[str, Any] = field(default_factory=dict)
+    places: Places | None = None  # of a body from a mesh file
 
     @property
     def body(self) -> NDArray[np.bool_]:
@@ -94,16 +100,19 @@ class Trajectory:
 
     @property
     def mesh(self) -> Mesh:
-        """The body at rest, without named faces."""
-        kind = OF_VTK[int(self.types[0])].name
-        return Mesh(self.points[self.body], self.cells_of(self.types[0]), kind, {})
+        """The body at rest; its places are known where it came from a mesh file."""
+        cells = self.cells_of(self.types[0])
+        mesh = Mesh(self.points[self.body], cells[self.body[cells].all(axis=1)], OF_VTK[int(self.types[0])].name, {})
+        return mesh if self.places is None else with_places(mesh, self.places)
 
     @property
     def obstacle(self) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
         """The obstacle's surface in all frames: points (T, M, 3) [m] and triangles (F, 3) among them; None without one."""
         if self.body.all():
             return None
-        return self.points[~self.body] + self.displacement[:, ~self.body], self.cells_of(5) - np.count_nonzero(self.body)
+        triangles = self.cells_of(CELLS["triangle"].vtk)
+        triangles = triangles[~self.body[triangles].any(axis=1)] - np.count_nonzero(self.body)
+        return self.points[~self.body] + self.displacement[:, ~self.body], triangles
 
     def cells_of(self, vtk_type: int) -> NDArray[np.int64]:
         """(C, n) node numbers of the cells of one VTK type."""
@@ -198,6 +207,8 @@ def _write(file: h5py.File, trajectory: Trajectory) -> None:
     file.attrs.update(schema=SCHEMA, scene=trajectory.scene, seed=trajectory.seed, index=trajectory.index,
                       versions=json.dumps(trajectory.versions), commit=trajectory.commit, complete=trajectory.complete,
                       frequencies_hz=np.array(trajectory.frequencies_hz, np.float64), extra=json.dumps(trajectory.extra))
+    if trajectory.places is not None:
+        write_places(file, trajectory.places)
     if trajectory.fields:
         file.attrs["fields"] = json.dumps(list(trajectory.fields))
 
@@ -209,11 +220,14 @@ def read_trajectory(path: str | Path) -> Trajectory:
         raise InputError(f"{path}: no such file")
     try:
         with h5py.File(path, "r") as file:
-            return _read(file)
+            found = _read(file)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (OSError, KeyError, IndexError, ValueError, TypeError, RuntimeError) as error:
-        raise InputError(f"{path}: not a whole trajectory file: {str(error).splitlines()[0]}") from None
+    except (OSError, KeyError, IndexError, ValueError, TypeError, AttributeError, OverflowError, RuntimeError) as error:
+        raise InputError(f"{path}: not a whole trajectory file: {f'{error}'.strip().partition(chr(10))[0]}") from None
+    if wrong := misshapen(found):
+        raise InputError(f"{path}: not a whole trajectory file: {wrong}")
+    return found
 
 
 def unfinished(path: str | Path) -> str | None:
@@ -222,7 +236,7 @@ def unfinished(path: str | Path) -> str | None:
         with h5py.File(path, "r") as file:
             return None if file.attrs["complete"] else str(file.attrs["scene"])
     except (OSError, KeyError) as error:
-        raise InputError(f"{path}: not a trajectory file: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path}: not a trajectory file: {f'{error}'.strip().partition(chr(10))[0]}") from None
 
 
 def _read(file: h5py.File) -> Trajectory:
@@ -243,7 +257,7 @@ def _read(file: h5py.File) -> Trajectory:
         fields={name: points[name][()].reshape(frames, nodes, -1) for name in json.loads(attributes.get("fields", "[]"))},
         scene=str(attributes["scene"]), seed=int(attributes["seed"]), index=int(attributes["index"]),
         versions=json.loads(attributes["versions"]), commit=str(attributes["commit"]),
-        complete=bool(attributes["complete"]), extra=json.loads(attributes["extra"]))
+        complete=bool(attributes["complete"]), extra=json.loads(attributes["extra"]), places=read_places(file))
 
 
 def read_sound(path: str | Path, *, complete: bool = True) -> Trajectory:
@@ -262,6 +276,17 @@ def as_solved(scene: Scene, trajectory: Trajectory, step: int) -> Scene:
     if step > trajectory.extra.get("linear_steps", 0):
         return scene
     return replace(scene, material=replace(scene.material, law="linear"))
+
+
+def solved_on(scene: Scene, trajectory: Trajectory) -> Mesh:
+    """The mesh that a trajectory's scene was solved on: that of the file as it was then, or the one that the scene builds.
+
+    Raises:
+        InputError: the body is of a file, of which an older trajectory kept no places, and the file is not there
+    """
+    if scene.body.shape == "file" and trajectory.places is not None:
+        return trajectory.mesh
+    return build_mesh(scene.body)
 
 
 def problems(trajectory: Trajectory) -> list[str]:
@@ -284,6 +309,8 @@ def problems(trajectory: Trajectory) -> list[str]:
             found.append(f"{name} is not finite everywhere")
     found += [f"{name} has {len(array)} rows for {len(trajectory.displacement)} frames"
               for name, array in trajectory.per_frame.items() if len(array) != len(trajectory.displacement)]
+    if trajectory.places is not None and (wrong := wrong_places(trajectory.places, int(trajectory.body.sum()))):
+        found.append(wrong)
     if trajectory.scene and trajectory.displacement[0].any():
         found.append("the first frame is not the rest state")
     return found

@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from datagen.files.trajectory import as_solved
+from datagen.files.trajectory import as_solved, solved_on
 from datagen.sets.dataset import files
 from datagen.sets.generate import trajectory_of
 from learning.prediction.checkpoint import Model, load_model
@@ -22,7 +22,7 @@ from learning.prediction.rivals import REFERENCE, elements, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
 from learning.report.evaluate import evenly, load_cases, own_predictors, report_on
 from learning.report.table import KINDS
-from physics.mesh.build import build_mesh
+from learning.slender.model import Slender
 from physics.scene import load_scene
 from physics.schema import InputError, nearest
 
@@ -78,7 +78,7 @@ def scene_case(path: str | Path) -> list[Case]:
     trajectory = trajectory_of(scene)
     if not trajectory.complete:
         raise RuntimeError(f"{path}: {trajectory.extra['failure']}")
-    return [Case(Path(path).stem, trajectory, as_solved(scene, trajectory, scene.steps.count), build_mesh(scene.body))]
+    return [Case(Path(path).stem, trajectory, as_solved(scene, trajectory, scene.steps.count), solved_on(scene, trajectory))]
 
 
 def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:
@@ -87,9 +87,9 @@ def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:
     return load_cases([found[i] for i in evenly(count, len(found))])
 
 
-def predictors(models: dict[str, Model]) -> list[Predictor]:
+def predictors(models: dict[str, Model | Slender]) -> list[Predictor]:
     """All of them, learned ones first; with several runs these carry the names of their folders."""
-    names = {run: "M4GN" if len(models) == 1 else f"M4GN {Path(run).name}" for run in models}
+    names = {run: model.title if len(models) == 1 else f"{model.title} {Path(run).name}" for run, model in models.items()}
     if len(set(names.values())) < len(names):
         raise InputError(f"--run: the folders {', '.join(models)} must have different names, by which the report calls them")
     rungs = [predictor for run, model in models.items()

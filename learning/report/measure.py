@@ -12,7 +12,7 @@ Legend: T frames, N nodes of the body, F frames of a finer solution.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -89,9 +89,9 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             if predictor.kind == "reference":  # what counts is the file, which was solved again for its time
                 found.solved_again = max(found.solved_again, float(abs(path - case.truth).max()))
                 path = case.truth
-            fidelity = verify(path, case.truth, scene=case.scene, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
+            fidelity = verify(path, case.truth, scene=case.known, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
                               sample=sample)
-            each[predictor.name].append(_scores(fidelity, prediction, case) | _against(second, path, case))
+            each[predictor.name].append(_scores(fidelity, prediction, case) | _doubt(prediction, case) | _against(second, path, case))
             with np.errstate(over="ignore"):
                 paths[predictor.name] = path.astype(np.float32)
             errors.append(fidelity.rmse_all)
@@ -111,15 +111,16 @@ def _repeated(predictor: Predictor, case: Case, repeats: int) -> Prediction:
     predictions = [predictor.predict(case)]
     while len(predictions) < repeats and predictions[0].seconds < LONG:
         predictions.append(predictor.predict(case))
-    first = predictions[0]
-    return Prediction(path=first.path, one_step=first.one_step, iterations=first.iterations,
-                      seconds=float(np.median([p.seconds for p in predictions])), set_up=float(np.median([p.set_up for p in predictions])))
+    return replace(predictions[0], seconds=float(np.median([p.seconds for p in predictions])),
+                   set_up=float(np.median([p.set_up for p in predictions])))
 
 
 def _second_truth(case: Case, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """Frames (F,) and displacements (F, N, 3) of the case solved on finer cells; None when that fails."""
+    if case.known is None:
+        return None
     try:
-        every, displacement, _ = finer(case.scene, case.mesh.points)
+        every, displacement, _ = finer(case.scene, case.mesh)
     except RuntimeError as error:
         notes.append(f"{case.name} has no finer solution: {error}.")
         return None
@@ -138,6 +139,17 @@ def _against(second: tuple[NDArray[np.int64], NDArray[np.float64]] | None, path:
 def _by_frame(a: NDArray[Any], b: NDArray[Any], case: Case) -> NDArray[np.float64]:
     """(F,) root mean square distance over the free nodes."""
     return np.sqrt(np.mean(np.sum((a - b)[:, case.free].astype(np.float64) ** 2, axis=2), axis=1))
+
+
+def _doubt(prediction: Prediction, case: Case) -> dict[str, float]:
+    """What a predictor says of its own error, held against that."""
+    if prediction.bar is None or prediction.unsure is None:
+        return {"error_bar": np.nan, "covered": np.nan, "unsure": np.nan}
+    told, error = prediction.bar > 0, _by_frame(prediction.path, case.truth, case)
+    if not told.any():
+        return {"error_bar": np.nan, "covered": np.nan, "unsure": float(prediction.unsure[1:].mean())}
+    return {"error_bar": float(prediction.bar[told].mean()), "covered": float((error <= prediction.bar)[told].mean()),
+            "unsure": float(prediction.unsure[1:].mean())}
 
 
 def _scores(fidelity: Any, prediction: Prediction, case: Case) -> dict[str, float]:

@@ -75,11 +75,17 @@ ERROR = figures.ERROR | {
         "below the data's error", "", "1", 1,
         "share of these frames in which the distance to the data is smaller than that of the data to the finer solution"),
 }
+DOUBT = {
+    "error_bar": Column("error bar", "mm", "m", 1e3, "what the predictor itself says of its error in a frame; <b>free</b> nodes, mean over "
+                        "the frames for which it says something"),
+    "covered": Column("covered", "", "1", 1, "share of these frames whose error is within the bar"),
+    "unsure": Column("unsure", "", "1", 1, "share of all frames of which the predictor says that it does not know"),
+}
 PHYSICS = figures.PHYSICS | {
     "iterations": Column("Newton steps", "", "1", 1, "for each step of the loading"),
 }
-TABLES = {"Time and error": TIME | ERROR, "Held against the equations": PHYSICS, "The deformed mesh": figures.MESH}
-COLUMNS = TIME | ERROR | PHYSICS | figures.MESH
+TABLES = {"Time and error": TIME | ERROR | DOUBT, "Held against the equations": PHYSICS, "The deformed mesh": figures.MESH}
+COLUMNS = TIME | ERROR | DOUBT | PHYSICS | figures.MESH
 
 
 def improvement(rows: list[Row]) -> float | None:

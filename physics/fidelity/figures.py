@@ -107,9 +107,10 @@ def verdict(figures: dict[str, Any], still: dict[str, Any]) -> str:
         parts.append(f"{shown(100 * figures['relative_residual'])} % of the largest reaction is missing to equilibrium")
     if figures["largest_penetration"] > 0.01 * still["largest_penetration"]:
         parts.append(f"the obstacle is up to {shown(1e3 * figures['largest_penetration'])} mm inside the body")
-    inverted = int(figures["inverted_elements"])
-    parts.append(f"{inverted or 'no'} cell{'s are' if inverted > 1 else ' is'} turned inside out")
-    return f"{said}; {', '.join(parts)}."
+    if not math.isnan(figures["inverted_elements"]):  # plane cells have none
+        inverted = int(figures["inverted_elements"])
+        parts.append(f"{inverted or 'no'} cell{'s are' if inverted > 1 else ' is'} turned inside out")
+    return f"{'; '.join([said, ', '.join(parts)] if parts else [said])}."
 
 
 def shown(value: float) -> str:

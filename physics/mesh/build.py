@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from physics.mesh.boxes import box, rectangle
-from physics.mesh.channel import channel
+from physics.mesh.shapes.boxes import box, rectangle
+from physics.mesh.shapes.channel import channel
 from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
 from physics.scene import PLANE_CELLS, Body

@@ -10,6 +10,8 @@ from physics.schema import InputError, quantity
 PLACES = ("x-min", "x-max", "y-min", "y-max", "z-min", "z-max")
 PLANE_CELLS, SOLID_CELLS = ("triangle", "quadrilateral"), ("prism", "tetrahedron", "hexahedron")
 Vector = tuple[float, float, float]
+FAR: dict[str, Any] = {"at_least": -1e9, "at_most": 1e9}  # of coordinates and displacements [m], and of velocities [m/s]
+STRONG: dict[str, Any] = {"at_least": -1e18, "at_most": 1e18}  # of tractions [Pa] and accelerations [m/s2]
 
 # Which keys of [body] each shape takes besides shape, order, and for plane cells plane and thickness.
 KEYS = {
@@ -54,7 +56,7 @@ class Body:
     element: str = quantity("standard", choice=("standard", "mean-dilatation", "reduced"))
     path: str | None = None
     scale: float | None = quantity(None, above=0, at_least=1e-12, at_most=1e12)
-    hole_centre: tuple[float, float] | None = quantity(None, unit="m")
+    hole_centre: tuple[float, float] | None = quantity(None, unit="m", **FAR)
     hole_radius: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     plane: str | None = quantity(None, choice=("strain", "stress"))
     thickness: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
@@ -141,12 +143,12 @@ class Support:
 
     where: str | Where
     fixed: str = "xyz"
-    displacement: Vector = quantity((0.0, 0.0, 0.0), unit="m")
+    displacement: Vector = quantity((0.0, 0.0, 0.0), unit="m", **FAR)
     axis: Vector | None = None
     angle: float | None = quantity(None, unit="degrees", at_least=-36_000, at_most=36_000)
-    centre: Vector | None = quantity(None, unit="m")
+    centre: Vector | None = quantity(None, unit="m", **FAR)
     steps: tuple[float, ...] | None = None
-    factor: tuple[float, ...] | None = None
+    factor: tuple[float, ...] | None = quantity(None, **FAR)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,13 +163,13 @@ class Load:
     """
 
     where: str | Where | None = None
-    traction: Vector | None = quantity(None, unit="Pa")
-    acceleration: Vector | None = quantity(None, unit="m/s2")
+    traction: Vector | None = quantity(None, unit="Pa", **STRONG)
+    acceleration: Vector | None = quantity(None, unit="m/s2", **STRONG)
     sudden: bool = False
-    pressure: float | None = quantity(None, unit="Pa")
+    pressure: float | None = quantity(None, unit="Pa", **STRONG)
     follower: bool | None = None
     steps: tuple[float, ...] | None = None
-    factor: tuple[float, ...] | None = None
+    factor: tuple[float, ...] | None = quantity(None, **FAR)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,15 +185,15 @@ class Obstacle:
         """The keys that the shape of a table takes."""
         shape = table.get("shape")
         own = NEEDS.get(shape if isinstance(shape, str) else "", ()) + ("radius",) * (shape == "box")
-        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule")), "path", "contact")
+        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule")), "path", "steps", "contact")
 
     shape: str = quantity(choice=tuple(NEEDS))
-    radius: float | None = quantity(None, unit="m", at_least=0)  # of a box: of its edges, by default a twentieth of its smallest side
+    radius: float | None = quantity(None, unit="m", at_least=0, at_most=1e9)  # a box's edges: 1/20 of its smallest side
     axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule
     length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # capsule, between the centres of its ends
     size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # box
     normal: Vector | None = None  # half-space, out of it
-    path: tuple[Vector, ...] = quantity(unit="m")
+    path: tuple[Vector, ...] = quantity(unit="m", **FAR)
     steps: tuple[float, ...] | None = None
     contact: str = quantity("facets", choice=("facets", "nodes"))
 
@@ -207,4 +209,4 @@ class Steps:
     count: int = quantity(400, at_least=1, at_most=1_000_000)
     duration: float | None = quantity(None, unit="s", above=0, at_least=1e-9, at_most=1e9)
     dynamic: bool = False
-    velocity: Vector | None = quantity(None, unit="m/s")
+    velocity: Vector | None = quantity(None, unit="m/s", **FAR)

@@ -22,11 +22,21 @@ def with_defaults(body: Any) -> Any:
     return body
 
 
+def is_plane(body: Body) -> bool:
+    """Whether a shape is plane; of a file that is not known before it is read."""
+    return body.shape == "channel" or (body.shape == "plate" and body.cell in PLANE_CELLS)
+
+
+def keys_of(body: Body) -> list[str]:
+    """The keys that the shape of a body takes."""
+    plane = is_plane(body)
+    takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
+    return takes + ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
+
+
 def check_body(body: Body, given: dict[str, Any]) -> None:
     """Which keys a shape needs, takes and refuses."""
-    plane = body.shape == "channel" or (body.shape == "plate" and body.cell in PLANE_CELLS)
-    takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
-    takes += ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
+    plane, takes = is_plane(body), keys_of(body)
     kind = f"a plane {body.shape}" if body.shape == "plate" and plane else f"a {body.shape}"
     for key in given:
         if key not in takes:
@@ -85,8 +95,7 @@ def check_support(support: Support, key: str) -> None:
         raise InputError(f"{key}: a support that turns has an axis and an angle, and may have a centre")
     if support.angle is not None and len(support.fixed) < 3:
         raise InputError(f"{key}.angle: fixed = {support.fixed!r} leaves free what would turn; hold all of xyz")
-    if support.axis is not None and math.hypot(*support.axis) == 0:
-        raise InputError(f"{key}.axis must not be the zero vector")
+    _check_direction(support.axis, f"{key}.axis")
     check_steps(support.steps, support.factor, key, "factor")
 
 
@@ -128,6 +137,14 @@ def _check_where(where: Where, key: str) -> None:
         raise InputError(f"{key}.box: its first corner must have the smaller coordinates")
 
 
+def _check_direction(vector: tuple[float, float, float] | None, key: str) -> None:
+    """A direction that has one."""
+    if vector is not None and math.hypot(*vector) == 0:
+        raise InputError(f"{key} must not be the zero vector")
+    if vector is not None and not 1e-9 <= math.hypot(*vector) <= 1e9:
+        raise InputError(f"{key} = {list(vector)}: its length must be from 1e-9 to 1e9; what counts is its direction")
+
+
 def complete(obstacle: Obstacle) -> Obstacle:
     """An obstacle with all that its shape needs and nothing else. Raises `InputError`."""
     for key in ("radius", "length", "size", "normal"):
@@ -142,12 +159,10 @@ def complete(obstacle: Obstacle) -> Obstacle:
         if radius > smallest / 2:
             raise InputError(f"obstacle.radius = {radius!r}: must be at most {smallest / 2:g} m, half the smallest side of the box")
         obstacle = replace(obstacle, radius=radius)
-    elif obstacle.radius == 0:
-        raise InputError("obstacle.radius = 0.0: must be above 0 m")
+    elif obstacle.radius is not None and obstacle.radius < 1e-9:
+        raise InputError(f"obstacle.radius = {obstacle.radius!r}: must be {'at least 1e-09' if obstacle.radius else 'above 0'} m")
     for key in ("axis", "normal"):
-        vector = getattr(obstacle, key)
-        if vector is not None and math.hypot(*vector) == 0:
-            raise InputError(f"obstacle.{key} must not be the zero vector")
+        _check_direction(getattr(obstacle, key), f"obstacle.{key}")
     if not obstacle.path:
         raise InputError("obstacle.path must have at least one way-point")
     check_steps(obstacle.steps, obstacle.path, "obstacle", "path")

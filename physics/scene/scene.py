@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -12,9 +11,9 @@ import tomli_w
 
 from physics.scene.change import change
 from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
-from physics.scene.rules import check_body, check_load, check_place, check_support, complete, with_defaults
+from physics.scene.rules import check_body, check_load, check_place, check_support, complete, keys_of, with_defaults
 from physics.scene.tables import with_tables
-from physics.schema import InputError, nearest, read_table, read_toml, to_table
+from physics.schema import InputError, nearest, parse_toml, read_table, read_toml, to_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,15 +30,19 @@ class Scene:
 
     def to_toml(self) -> str:
         """The scene as a TOML file that `load_scene` reads back unchanged."""
-        return tomli_w.dumps(to_table(self))
+        table = to_table(self)
+        takes = keys_of(self.body)  # without the defaults of other shapes' keys
+        table["body"] = {key: value for key, value in table["body"].items() if key in takes}
+        return tomli_w.dumps(table)
 
     @staticmethod
     def from_toml(text: str) -> Scene:
         """The scene in a text, as `to_toml` writes it. Raises `InputError`."""
         try:
-            return read_scene(tomllib.loads(text))
-        except tomllib.TOMLDecodeError as error:
+            table = parse_toml(text)
+        except InputError as error:
             raise InputError(f"its scene is not TOML: {error}") from None
+        return read_scene(table)
 
 
 def load_scene(path: str | Path, changes: Sequence[str] = ()) -> Scene:

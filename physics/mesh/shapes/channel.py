@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.mesh.boxes import faces
+from physics.mesh.shapes.boxes import faces
 from physics.mesh.mesh import Floats, Integers, Mesh
 from physics.scene import Body
 
