@@ -12,6 +12,7 @@ from datagen.sets.generate import trajectory_of
 from physics import journal
 from physics.body.material import lame
 from physics.body.pressure import Pressed, pressure_force, pressure_stiffness
+from physics.body.supports import outer_facets
 from physics.fidelity.verify import Checker
 from physics.mesh.build import build_mesh
 from physics.mesh.quality import cell_volumes
@@ -176,3 +177,15 @@ def test_what_does_not_go_together_is_refused(load, changes, said):
     with pytest.raises(InputError, match=said):
         read_scene({"body": {"length": 1.0, "width": 0.1, "height": 0.1, "cells": [4, 1, 1]}, "load": [load],
                     "material": {"young_modulus": 1.0, "poisson_ratio": 0.0}} | changes)
+
+
+def test_a_pressure_needs_an_outer_face():
+    mesh = build_mesh(Body(length=2.0, width=1.0, height=1.0, cells=(2, 1, 1), cell="hexahedron"))
+    inner = np.flatnonzero(mesh.points[:, 0] == 1.0)[[0, 1, 3, 2]]
+    cut = replace(mesh, places=mesh.places | {"cut": np.sort(inner)}, parts={"cut": [("quadrilateral", inner[None])]})
+    assert sum(map(len, cut.facets("cut"))) == 1  # a traction may act there
+    with pytest.raises(InputError, match=r"load\[2\].where = 'cut': 1 of its facets lie inside the body; a pressure needs an outer face"):
+        outer_facets(cut, "cut", "load[2].where")
+    with pytest.raises(InputError, match="'x-max z-max': has no facet; a pressure needs an outer face"):
+        outer_facets(mesh, "x-max z-max", "load[0].where")
+    assert [len(facets) for facets in outer_facets(mesh, "z-max", "load[0].where")] == [2]

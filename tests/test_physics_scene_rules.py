@@ -287,9 +287,9 @@ def test_files(tmp_path):
     ("body", {"lenght": 1}, "shape, length, width, height, cells, cell_size, cell, order, element"),
     ("body", {"shape": "plate", "cell": "triangle", "x": 1}, "shape, length, width, height, cells, cell_size, cell, order, element, plane, "
                                                              "thickness"),
-    ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, contact"),
-    ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, contact"),
-    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, path, contact"),
+    ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, steps, contact"),
+    ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, steps, contact"),
+    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, path, steps, contact"),
     ("steps", {"number": 1}, "count, duration, dynamic, velocity")])
 def test_an_unknown_key_lists_those_that_its_shape_takes(name, table, takes):
     whole = {"body": {"length": 1.0, "width": 1.0, "height": 1.0, "cells": [1, 1, 1]}, "material": {"young_modulus": 1, "poisson_ratio": 0}}
