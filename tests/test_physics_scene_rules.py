@@ -36,7 +36,7 @@ def test_every_default():
                  "order": 1,
                  "element": "standard", "path": None, "scale": None, "hole_centre": None, "hole_radius": None, "plane": None,
                  "thickness": None},
-        "material": {"law": "neo-hookean", "young_modulus": 1e6, "poisson_ratio": 0.4, "density": 1000.0},
+        "material": {"law": "neo-hookean", "young_modulus": 1e6, "poisson_ratio": 0.4, "density": 1000.0, "orthotropic": None},
         "support": ({"where": "x-min", "fixed": "xyz", "displacement": (0.0, 0.0, 0.0), "axis": None, "angle": None, "centre": None,
                      "steps": None, "factor": None},),
         "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False, "pressure": None,

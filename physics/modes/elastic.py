@@ -1,6 +1,7 @@
 """Elastic modes of a body: K phi = lambda M phi, lambda = (2 pi frequency)^2.
 
-K is the stiffness of the rest state, Hooke's law with the material's E and nu (the tangent of all laws in material.py there),
+K is the stiffness of the rest state, Hooke's law with the material's E and nu (the tangent of all laws in material.py there)
+or its orthotropic constants,
 and M the consistent mass, both restricted to the free components, so that a support never shows up as a mode. A body that
 its supports leave free to move has its rigid modes at zero; their number is compared with what the supports leave. Modes are
 M-orthonormal: phi_i . M phi_j = delta_ij [1/sqrt(kg)]; each one's largest component is positive.
@@ -31,7 +32,7 @@ from numpy.typing import NDArray
 
 from physics import fem
 from physics.body.elasticity import small_strain_stiffness
-from physics.body.material import lame
+from physics.body.material import lame, orthotropic_stiffness
 from physics.body.supports import held, pieces_held, rigid_motions_left
 from physics.linalg.eigen.lowest import lowest_pairs
 from physics.linalg.eigen.pairs import GOAL, Pairs, Problem, clusters
@@ -127,7 +128,7 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
     largest = np.take_along_axis(shapes.reshape(count, -1), abs(shapes).reshape(count, -1).argmax(axis=1)[:, None], axis=1)
     sign = np.where(largest < 0, -1.0, 1.0)  # (m, 1)
     still = np.zeros((3 - mesh.dimension,))
-    first_order = scene.body.order == 1 and scene.body.element != "reduced"
+    first_order = scene.body.order == 1 and scene.body.element != "reduced" and scene.material.orthotropic is None
     stiff = locking.said(mesh, shapes, pairs.zeros, scene.material) if first_order else ()
     cells = f"{CELLS[mesh.cell].plural} of order {scene.body.order}" + (
         "" if scene.body.element == "standard" else f", {scene.body.element} element")
@@ -148,9 +149,13 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
     if mesh.dimension == 2 and scene.body.plane == "stress":
         lmbda = 2 * mu * lmbda / (lmbda + 2 * mu)
     if scene.body.element != "standard":
+        if scene.material.orthotropic is not None:
+            raise InputError(f"body.element = {scene.body.element!r}: for isotropic materials only; leave it or orthotropic out")
         if space.comm.size > 1:
             raise InputError(f"body.element = {scene.body.element!r}: for one process only; leave mpirun or the element out")
         stiffness = small_strain_stiffness(space, mesh, scene.material, scene.body.element)
+    elif scene.material.orthotropic is not None:
+        stiffness = fem.matrix(_orthotropic_form(space, scene))
     else:
         first, second = space.constant(lmbda), space.constant(mu)
         dx = ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
@@ -170,6 +175,18 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
     zeros = sum(rigid_motions_left(replace(mesh, points=mesh.points[part]), fixed[part]) for part in pieces(mesh))
     return Problem(stiffness=stiffness, mass=mass, free=free.ravel(), zeros=zeros, scale=_first_bending(scene, mesh),
                    dimension=mesh.dimension, near_null=_rigid_motions(space)), space
+
+
+def _orthotropic_form(space: fem.Space, scene: Scene) -> Any:
+    """The stiffness of an orthotropic body as a UFL form, whose constants may change without compiling it again."""
+    assert scene.material.orthotropic is not None
+    D = space.components
+    normal, shear = orthotropic_stiffness(scene.material.orthotropic, None if D == 3 else scene.body.plane or "strain")
+    e, d = (ufl.sym(ufl.grad(of)) for of in (ufl.TrialFunction(space.V), ufl.TestFunction(space.V)))
+    density = sum(space.constant(float(normal[i, j])) * e[i, i] * d[j, j] for i in range(D) for j in range(D))
+    for modulus, (i, j) in zip(shear, ((0, 1), (1, 2), (0, 2)), strict=False):
+        density += 4 * space.constant(modulus) * e[i, j] * d[i, j]
+    return density * ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
 
 
 def _at(problem: Problem, scene: Scene, mesh: Mesh, at: tuple[Floats, float], spread: bool) -> tuple[Problem, fem.Space, tuple[str, ...]]:

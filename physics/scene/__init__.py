@@ -10,8 +10,8 @@ A scene is a TOML file, read into frozen dataclasses. Coordinates are Cartesian 
 state. Step s = 0 .. count is a fraction s/count of the loading; it is a time only in dynamic scenes.
 """
 
-from physics.scene.parts import PLACES, PLANE_CELLS, Body, Load, Material, Obstacle, Steps, Support, Where
+from physics.scene.parts import PLACES, PLANE_CELLS, Body, Load, Material, Obstacle, Orthotropic, Steps, Support, Where
 from physics.scene.scene import Scene, load_body, load_scene, read_body, read_scene
 
-__all__ = ["PLACES", "PLANE_CELLS", "Body", "Load", "Material", "Obstacle", "Scene", "Steps", "Support", "Where", "load_body",
-           "load_scene", "read_body", "read_scene"]
+__all__ = ["PLACES", "PLANE_CELLS", "Body", "Load", "Material", "Obstacle", "Orthotropic", "Scene", "Steps", "Support", "Where",
+           "load_body", "load_scene", "read_body", "read_scene"]

@@ -96,13 +96,30 @@ class Body:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Orthotropic:
+    """Elastic constants of a material that is not the same along x, y and z, for modes at rest (body/material.py).
+
+    Young's moduli are along x, y and z; Poisson's ratios those of xy, yz and xz, nu_ij = - strain along j over strain along i under
+    a stress along i; shear moduli those of the planes xy, yz and xz.
+    """
+
+    young_moduli: Vector = quantity(unit="Pa", above=0, at_least=1e-9, at_most=1e18)
+    poisson_ratios: Vector = quantity(at_least=-100, at_most=100)
+    shear_moduli: Vector = quantity(unit="Pa", above=0, at_least=1e-9, at_most=1e18)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Material:
-    """A homogeneous isotropic material; the laws are written down in body/material.py."""
+    """A homogeneous material, isotropic unless `orthotropic`; the laws are written down in body/material.py.
+
+    An orthotropic one is given in place of young_modulus and poisson_ratio, which then are its first modulus and 0.
+    """
 
     law: str = quantity("neo-hookean", choice=("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"))
     young_modulus: float = quantity(unit="Pa", above=0, at_least=1e-9, at_most=1e18)
     poisson_ratio: float = quantity(above=-1, below=0.5)
     density: float = quantity(1000.0, unit="kg/m3", above=0, at_least=1e-12, at_most=1e12)
+    orthotropic: Orthotropic | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

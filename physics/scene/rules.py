@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Obstacle, Support, Where
+from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Material, Obstacle, Support, Where
 from physics.scene.tables import check_steps
 from physics.schema import InputError, nearest
 
@@ -32,6 +32,31 @@ def keys_of(body: Body) -> list[str]:
     plane = is_plane(body)
     takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
     return takes + ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
+
+
+def orthotropic(table: dict[str, Any]) -> dict[str, Any]:
+    """The table of a scene in which an orthotropic material has the keys that every material has."""
+    material = table.get("material")
+    if not (isinstance(material, dict) and isinstance(material.get("orthotropic"), dict)):
+        return table
+    moduli = material["orthotropic"].get("young_moduli")
+    first = {"young_modulus": moduli[0] if isinstance(moduli, list) and moduli else 1.0, "poisson_ratio": 0.0}
+    for key, value in first.items():
+        if material.get(key, value) != value:
+            raise InputError(f"material.{key}: an orthotropic material has its own; leave it out")
+    return table | {"material": material | first}
+
+
+def check_material(material: Material) -> None:
+    """Orthotropic constants belong to a body that resists every strain."""
+    given = material.orthotropic
+    if given is None:
+        return
+    (x, y, z), (xy, yz, xz) = given.young_moduli, given.poisson_ratios
+    yx, zy, zx = xy * y / x, yz * z / y, xz * z / x
+    if not (min(1 - xy * yx, 1 - yz * zy, 1 - xz * zx) > 0 and 1 - xy * yx - yz * zy - xz * zx - 2 * yx * zy * xz > 0):
+        raise InputError(f"material.orthotropic.poisson_ratios = {list(given.poisson_ratios)}: with these moduli some strain would give "
+                         "energy; nu_ij must be below the root of E_i / E_j, and all three together smaller still")
 
 
 def check_body(body: Body, given: dict[str, Any]) -> None:

@@ -11,7 +11,17 @@ import tomli_w
 
 from physics.scene.change import change
 from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
-from physics.scene.rules import check_body, check_load, check_place, check_support, complete, keys_of, with_defaults
+from physics.scene.rules import (
+    check_body,
+    check_load,
+    check_material,
+    check_place,
+    check_support,
+    complete,
+    keys_of,
+    orthotropic,
+    with_defaults,
+)
 from physics.scene.tables import with_tables
 from physics.schema import InputError, nearest, parse_toml, read_table, read_toml, to_table
 
@@ -86,9 +96,10 @@ def read_body(table: dict[str, Any]) -> Body:
 
 def read_scene(table: dict[str, Any]) -> Scene:
     """A scene from a table, with the rules that bind several keys. Raises `InputError`."""
-    given = table.get("body")
+    given, table = table.get("body"), orthotropic(table)
     scene = read_table(Scene, table | {"body": with_defaults(given)} if "body" in table else table)
     check_body(scene.body, given or {})
+    check_material(scene.material)
     places = [(f"support[{i}]", support.where) for i, support in enumerate(scene.support)]
     places += [(f"load[{i}]", load.where) for i, load in enumerate(scene.load) if load.where is not None]
     for name, where in places:
