@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import Any
 
 _PUBLIC = {
-    "Family": "family.family", "Trajectory": "files.trajectory", "as_solved": "files.trajectory", "check": "sets.check",
+    "Family": "family.family", "Trajectory": "files.trajectory", "as_solved": "files.solved", "check": "sets.check",
     "counts": "family.family", "draw": "family.family", "export_records": "sets.deepmind", "generate": "sets.generate",
     "import_records": "sets.deepmind", "inputs_of": "files.inputs", "load_family": "family.family", "pack": "sets.pack",
     "predicted": "files.inputs", "read_manifest": "sets.dataset", "read_trajectory": "files.trajectory",

@@ -216,7 +216,7 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
 
 def write_path(html: Path, title: str, trajectory: Any) -> None:
     """The page of a trajectory: its path to be turned and followed by hand, with stress where it has a scene. Raises `InputError`."""
-    from datagen.files.trajectory import as_solved
+    from datagen.files.solved import as_solved
     from physics.scene import Scene
     from physics.view import ObstacleSurface, path_exhibit, write_page
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from datagen.files.trajectory import as_solved
+from datagen.files.solved import as_solved
 from datagen.sets.generate import trajectory_of
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.prediction.rivals import trivial

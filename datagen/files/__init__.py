@@ -2,6 +2,7 @@
 
     trajectory   its format: write, read, check
     layout       whether arrays have the shapes of the format
+    solved       the scene and the mesh whose equations it answers
     places       what is kept of a mesh file
     fields       what a file can hold of a solution besides its displacements: stress
     tfrecord     records of TensorFlow, byte by byte

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.trajectory import Trajectory, as_solved, holds_positions, read_sound, read_trajectory, solved_on
+from datagen.files.solved import as_solved, solved_on
+from datagen.files.trajectory import Trajectory, holds_positions, read_sound, read_trajectory
 from physics.fidelity.figures import FIGURES, gathered, shown, verdict
 from physics.fidelity.verify import as_table, verify
 from physics.mesh.mesh import Mesh

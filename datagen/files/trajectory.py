@@ -52,10 +52,8 @@ from numpy.typing import NDArray
 
 from datagen.files.layout import misshapen
 from datagen.files.places import Places, read_places, with_places, write_places, wrong_places
-from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
-from physics.scene import Scene
 from physics.schema import InputError
 from physics.whole import write_whole
 
@@ -269,24 +267,6 @@ def read_sound(path: str | Path, *, complete: bool = True) -> Trajectory:
     for wrong in problems(trajectory if complete else replace(trajectory, complete=True)):
         raise InputError(f"{path}: {wrong}")
     return trajectory
-
-
-def as_solved(scene: Scene, trajectory: Trajectory, step: int) -> Scene:
-    """The scene whose equations a step of its trajectory solves: under the linear law where the solver saw that it is enough."""
-    if step > trajectory.extra.get("linear_steps", 0):
-        return scene
-    return replace(scene, material=replace(scene.material, law="linear"))
-
-
-def solved_on(scene: Scene, trajectory: Trajectory) -> Mesh:
-    """The mesh that a trajectory's scene was solved on: that of the file as it was then, or the one that the scene builds.
-
-    Raises:
-        InputError: the body is of a file, of which an older trajectory kept no places, and the file is not there
-    """
-    if scene.body.shape == "file" and trajectory.places is not None:
-        return trajectory.mesh
-    return build_mesh(scene.body)
 
 
 def problems(trajectory: Trajectory) -> list[str]:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from datagen.family.family import SPLITS
 from datagen.files.places import remarks_on_file
-from datagen.files.trajectory import OBSTACLE, Trajectory, as_solved, problems, read_trajectory, solved_on
+from datagen.files.solved import as_solved, solved_on
+from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
 from datagen.sets.dataset import digest, read_manifest
 from datagen.sets.workers import progress
 from physics.body.schedule import Moves

@@ -35,10 +35,10 @@ from datagen.files.tfrecord import parse_example, read_records, write_example, w
 from datagen.files.trajectory import KINDS, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.sets import dataset
 from datagen.sets.workers import progress
-from physics.mesh.shapes.boxes import tetrahedra
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import cell_volumes
+from physics.mesh.shapes.boxes import tetrahedra
 from physics.schema import InputError
 from physics.whole import folder_whole
 

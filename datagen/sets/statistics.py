@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from datagen.files.trajectory import Trajectory, read_trajectory, solved_on
+from datagen.files.solved import solved_on
+from datagen.files.trajectory import Trajectory, read_trajectory
 from datagen.sets import dataset
 from datagen.sets.check import precision
 from datagen.sets.plan import graph_diameter, summary

@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from datagen.files.trajectory import as_solved, solved_on
+from datagen.files.solved import as_solved, solved_on
 from datagen.sets.dataset import files
 from datagen.sets.generate import trajectory_of
 from learning.prediction.checkpoint import Model, load_model

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from physics.mesh.shapes.boxes import box, rectangle
-from physics.mesh.shapes.channel import channel
 from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
+from physics.mesh.shapes.boxes import box, rectangle
+from physics.mesh.shapes.channel import channel
 from physics.scene import PLANE_CELLS, Body
 
 
