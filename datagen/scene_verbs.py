@@ -99,7 +99,8 @@ def _elastic(options: Options, spread: bool) -> Any:
 
 def _state(scene: Any, at: str) -> tuple[Any, tuple[Any, float]]:
     """The mesh of a scene, and displacements and fraction of the loading in a frame of its trajectory. Raises `InputError`."""
-    from datagen.files.trajectory import read_sound, solved_on
+    from datagen.files.solved import solved_on
+    from datagen.files.trajectory import read_sound
     from physics.scene import Scene
 
     path, _, frame = at.rpartition(":")

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.trajectory import Trajectory, as_solved
+from datagen.files.solved import as_solved
+from datagen.files.trajectory import Trajectory
 from physics.body.stress import nodal_stress, recovery, von_mises_of
 from physics.scene import Scene
 from physics.solution import Solution
