@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
+from physics.equilibrium.balance import Balance
 from physics.equilibrium.state import NoEquilibrium
 from physics.mesh.build import build_mesh
 from physics.modes.elastic import elastic_modes
+from physics.modes.loaded import loaded_stiffness
 from physics.scene import read_scene
 from physics.schema import InputError
 from physics.solution import solve
+from tests.plain_newton import contact_force
 from tests.scenes import beam, pressed
 
 LENGTH, WIDTH, HEIGHT = 0.1, 0.02, 0.005
@@ -83,6 +86,32 @@ def test_a_beam_on_its_obstacle_swings_as_on_a_support_there():
     np.testing.assert_allclose(free.frequencies_hz, elastic_modes(scene, count=4).frequencies_hz, rtol=1e-6)
     assert max(abs(np.array(found.frequencies_hz) / free.frequencies_hz - 1)) > 0.5
     assert "3 points of it staying on the obstacle" in found.remarks[0]
+
+
+def test_the_stiffness_is_the_slope_of_all_forces_contact_included():
+    """Of W, a pressure on a face whose rim is held, and contact with a cylinder, along random motions too small to open or close it."""
+    scene = pressed(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [12, 2, 2]}, steps={"count": 4},
+                    load=[{"where": "x-max", "pressure": 2e4, "follower": True}],
+                    support=[{"where": "x-min"}, {"where": "x-max", "fixed": "xy"}])
+    solution = solve(scene)
+    balance = Balance(scene, solution.mesh)
+    stiffness, space, _ = loaded_stiffness(scene, solution.mesh, solution.displacement[-1], 1.0)
+    balance.outer(1.0)
+    random, free = np.random.default_rng(0), ~balance.fixed
+    right, left = stiffness.createVecs()
+    for _ in range(3):
+        v = np.where(free, random.normal(size=free.shape), 0.0)
+        right.array[:] = space.to_dofs(v)
+        stiffness.mult(right, left)
+        h = 1e-10
+        ends = []
+        for sign in (1, -1):
+            u = solution.displacement[-1] + sign * h * v
+            ends.append(balance.elasticity.force(u) - contact_force(balance, u, 1.0))
+        slope = (ends[0] - ends[1]) / (2 * h)
+        here = space.from_dofs(left.array)
+        np.testing.assert_allclose(here[free], slope[free], atol=1e-5 * abs(slope[free]).max())
+    stiffness.destroy()
 
 
 @pytest.mark.parametrize(("changes", "said"), [

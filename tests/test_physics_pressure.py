@@ -16,7 +16,7 @@ from physics.body.supports import outer_facets
 from physics.fidelity.verify import Checker
 from physics.mesh.build import build_mesh
 from physics.mesh.quality import cell_volumes
-from physics.scene import Body, Load, Material, Scene, read_scene
+from physics.scene import Body, Load, Material, Scene, Support, read_scene
 from physics.schema import InputError
 from physics.solution import solve
 from tests.scenes import beam
@@ -151,7 +151,8 @@ def test_a_path_under_following_pressure_goes_on_to_the_same_bits(tmp_path, monk
         if step == 4:
             raise Killed
 
-    scene = replace(strip(10.0, follower=True), body=replace(strip(1.0).body, cells=(12, 1, 2)))
+    scene = replace(strip(10.0, follower=True), body=replace(strip(1.0).body, cells=(12, 1, 2)),
+                    support=(Support(where="x-min"), Support(where="x-max", fixed="yz", displacement=(0.0, 0.0, -0.02))))
     whole = solve(scene)
     with pytest.raises(Killed):
         solve(scene, journal=tmp_path / "j", on_step=kill)

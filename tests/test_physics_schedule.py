@@ -77,6 +77,7 @@ def test_an_obstacle_by_a_table_presses_and_lets_go():
 def test_a_turn_is_the_rotation_of_textbooks(axis, angle, expected):
     support = Support(where="x-max", axis=tuple(axis), angle=angle, centre=(0.0, 0.0, 0.0))
     np.testing.assert_allclose(turned(np.array([[1.0, 2.0, 3.0]]), support, 1.0), [expected], atol=1e-14)
+    np.testing.assert_allclose(turned(turned(np.array([[1.0, 2.0, 3.0]]), support, 0.25), support, 0.75), [expected], atol=1e-14)
 
 
 def test_a_twisted_bar_has_the_torque_of_saint_venant():
@@ -128,6 +129,13 @@ def test_a_load_by_a_table_in_motion_has_the_impulse_of_its_area():
     momentum = solution.displacement[-1, :, 2] - solution.displacement[-2, :, 2]
     weight = np.where(abs(solution.mesh.points[:, 0] - 0.03) < 1e-9, 2, 1)
     assert (momentum @ weight) / weight.sum() / (0.01 / 20) == pytest.approx(-force * 0.01 / 2 / mass, rel=0.02)
+
+
+def test_in_motion_a_table_that_grows_evenly_is_none():
+    even = {"steps": [0.0, 0.3, 1.0], "factor": [0.0, 0.3, 1.0]}
+    paths = [solve(beam(body=COARSE, load=[pushed(**more)], steps={"count": 10, "dynamic": True, "duration": 0.05},
+                        support=[{"where": "x-min", "displacement": [0, 0.002, 0.001], **more}])).displacement for more in ({}, even)]
+    np.testing.assert_allclose(paths[1], paths[0], atol=1e-9 * abs(paths[0]).max())
 
 
 def test_a_path_by_a_table_goes_on_to_the_same_bits(tmp_path, monkeypatch):

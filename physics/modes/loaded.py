@@ -55,7 +55,6 @@ def loaded_stiffness(scene: Scene, mesh: Mesh, u: Floats, fraction: float) -> tu
         newton = Newton(balance)
         state = newton.polished(fraction, State(fraction, np.where(balance.fixed, balance.moved(fraction), u), np.zeros(points)))
         felt = newton.pressing(state)
-    balance.outer(fraction)
     stiffness = balance.body.stiffness(state.u).copy()
     said = f"of the body as it is at {fraction:.4g} of the loading"
     if felt is not None:
