@@ -16,7 +16,7 @@ from physics.body.supports import outer_facets
 from physics.fidelity.verify import Checker
 from physics.mesh.build import build_mesh
 from physics.mesh.quality import cell_volumes
-from physics.scene import Body, Load, Material, Scene, Support, read_scene
+from physics.scene import Body, Load, Material, Scene, Steps, Support, read_scene
 from physics.schema import InputError
 from physics.solution import solve
 from tests.scenes import beam
@@ -147,17 +147,20 @@ def test_a_path_under_following_pressure_goes_on_to_the_same_bits(tmp_path, monk
     class Killed(Exception):
         pass
 
-    def kill(step):
-        if step == 4:
-            raise Killed
-
-    scene = replace(strip(10.0, follower=True), body=replace(strip(1.0).body, cells=(12, 1, 2)),
-                    support=(Support(where="x-min"), Support(where="x-max", fixed="yz", displacement=(0.0, 0.0, -0.02))))
+    scene = replace(strip(2.0, follower=True), body=replace(strip(1.0).body, cells=(12, 1, 2)), steps=Steps(count=60),
+                    support=(Support(where="x-min"), Support(where="x-max", fixed="yz", displacement=(0.0, 0.0, -0.02),
+                                                             steps=(0.0, 0.5, 1.0), factor=(0.0, 1.0, 0.0))))
     whole = solve(scene)
-    with pytest.raises(Killed):
-        solve(scene, journal=tmp_path / "j", on_step=kill)
-    again = solve(scene, journal=tmp_path / "j")
-    assert again.resumed > 0 and np.array_equal(again.displacement, whole.displacement)
+    assert whole.factorisations < 60
+    for at in (22, 30, 51):  # before the 31st the support turns back
+        def kill(step, at=at):
+            if step == at:
+                raise Killed
+
+        with pytest.raises(Killed):
+            solve(scene, journal=tmp_path / f"{at}", on_step=kill)
+        again = solve(scene, journal=tmp_path / f"{at}")
+        assert again.resumed > 0 and np.array_equal(again.displacement, whole.displacement)
 
 
 def test_a_scene_with_pressure_is_written_and_read():
