@@ -110,7 +110,7 @@ class Motion:
         self.newton.round_obstacle = False  # mean normals turn less than those at the end
         points = 0 if rest.contact is None else len(rest.contact.surface.area)
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(points))]
-        self.velocity = np.where(self.fixed, self._pull(0.0, 1 / scene.steps.count), np.array(scene.steps.velocity or (0.0, 0.0, 0.0)))
+        self.velocity = np.where(self.fixed, self.pull(0.0, 1 / scene.steps.count), np.array(scene.steps.velocity or (0.0, 0.0, 0.0)))
         self.order, self.halvings = 0, 0
         self._floor = rest.floor
         acting = (self.sudden, self.growing, *(force for _, force in self.tabled))
@@ -147,10 +147,10 @@ class Motion:
         inertia = np.linalg.norm(self.moving.node_mass * (velocity - self.velocity)) / h
         self._largest = max(self._largest, float(inertia), float(np.linalg.norm(state.reaction)))
         state, velocity = self._borne(last.fraction, state, velocity, h)
-        self.velocity = np.where(self.fixed, self._pull(last.fraction, fraction), velocity)
+        self.velocity = np.where(self.fixed, self.pull(last.fraction, fraction), velocity)
         return self._append(state)
 
-    def _pull(self, start: float, end: float) -> Floats:
+    def pull(self, start: float, end: float) -> Floats:
         """(N, 3) [m/s] mean velocity of the held components between two fractions of the duration."""
         if not self.balance.varied:
             return self.balance.target / self.duration
