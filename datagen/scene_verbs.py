@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from physics.schema import InputError, WorkError
@@ -26,6 +28,7 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add = verb("modes", modes, "scene").add_argument
     add("--kind", choices=("elastic", "laplacian"), default="elastic", help="elastic, or laplacian: of the shape alone (elastic)")
     add("--count", type=positive, default=10, help="how many (10)")
+    add("--at", metavar="FILE:FRAME", help="elastic modes of the body as it is in that frame of its trajectory, .vtkhdf")
     add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
     add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
     add("--picture", metavar="FOLDER", help="a picture and a film of each mode")
@@ -34,6 +37,7 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     _set(add)
     add = verb("simulate", simulate, "scene").add_argument
     add("--out", required=True, help="trajectory, .vtkhdf")
+    add("--fields", choices=("stress",), help="stress: also the stress tensor and von Mises stress at the nodes, in all frames")
     add("--csv", help="a table with a row for each frame: obstacle, reaction, energy, penetration, .csv")
     add("--html", metavar="FILE", help="a page in which the path is turned and followed by hand, .html")
     _set(add)
@@ -86,13 +90,40 @@ def _elastic(options: Options, spread: bool) -> Any:
         raise InputError("--dirichlet is for --kind laplacian; elastic modes take the supports of the scene")
     if Path(options.scene).suffix.lower() != ".toml":
         raise InputError(f"{options.scene}: elastic modes need a scene (.toml) with a material; its [body] may name a mesh file")
-    return elastic_modes(load_scene(options.scene, options.set), count=options.count, spread=spread)
+    scene = load_scene(options.scene, options.set)
+    if options.at is None:
+        return elastic_modes(scene, count=options.count, spread=spread)
+    mesh, state = _state(scene, options.at)
+    return elastic_modes(scene, count=options.count, spread=spread, mesh=mesh, at=state)
+
+
+def _state(scene: Any, at: str) -> tuple[Any, tuple[Any, float]]:
+    """The mesh of a scene, and displacements and fraction of the loading in a frame of its trajectory. Raises `InputError`."""
+    from datagen.files.solved import solved_on
+    from datagen.files.trajectory import read_sound
+    from physics.scene import Scene
+
+    path, _, frame = at.rpartition(":")
+    if not path or not frame.isdecimal():
+        raise InputError(f"--at {at}: must be a trajectory and the number of a frame, as in press.vtkhdf:40")
+    trajectory = read_sound(path, complete=False)
+    own = Scene.from_toml(trajectory.scene) if trajectory.scene else None
+    if own is None or replace(own, body=replace(own.body, path=scene.body.path)) != scene:
+        raise InputError(f"--at {path}: is not a trajectory of this scene, whose loads and obstacle it takes; simulate it anew")
+    frames, mesh = len(trajectory.displacement), solved_on(own, trajectory)
+    if int(frame) >= frames:
+        raise InputError(f"--at {at}: has frames 0 .. {frames - 1}")
+    if not np.array_equal(trajectory.mesh.points, mesh.points):
+        raise InputError(f"--at {path}: its mesh is not the one that the scene builds")
+    return mesh, (trajectory.displacement[int(frame), trajectory.body].astype(np.float64), int(frame) / scene.steps.count)
 
 
 def _laplacian(options: Options, spread: bool) -> Any:
     from physics.modes.laplacian import laplacian_modes
     from physics.scene import load_body
 
+    if options.at is not None:
+        raise InputError("--at is for elastic modes; those of a shape alone know no load")
     if options.set:
         raise InputError("--set is for elastic modes and simulate; a shape alone has nothing to change but its mesh")
     names = options.dirichlet
@@ -126,6 +157,7 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
 
 def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
     """The path of a scene, through equilibria or through time, by finite elements."""
+    from datagen.files.fields import stress_fields
     from datagen.files.inputs import write_table
     from datagen.files.trajectory import unfinished, write_trajectory
     from datagen.sets.generate import trajectory_of
@@ -148,6 +180,8 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
                          spread=processes > 1, partial=True)
     trajectory = trajectory_of(scene, solution=solution)
     if rank == 0:
+        if options.fields:
+            trajectory = replace(trajectory, fields=stress_fields(scene, solution, trajectory))
         write_trajectory(out, trajectory)
         if table is not None:
             write_table(table, trajectory)

@@ -11,8 +11,8 @@ A room imports what stands above it in this list, never below:
     linalg/         how K x = b and K x = lambda M x are solved
     body/           what energy and forces a deformed body has
     contact/        where the obstacle is, and what it does to the body
-    modes/          how a body swings
     equilibrium/    one equilibrium, and a path of them
+    modes/          how a body swings
     motion/         a body that swings through time
     reduced/        the same body in a few shapes
     solution        `solve`: the answer to a scene, through equilibria or through time

@@ -14,6 +14,7 @@ import pytest
 import fidelity
 from physics.modes.elastic import elastic_modes
 from physics.schema import InputError
+from physics.solution import solve
 from tests.scenes import beam
 
 ROOT = Path(__file__).parent.parent
@@ -98,3 +99,28 @@ def test_dirichlet_is_for_laplacian_modes(tmp_path, capsys):
     scene.write_text(beam().to_toml())
     assert fidelity.main(["modes", str(scene), "--dirichlet", "x-min"]) == 2
     assert "--dirichlet is for" in capsys.readouterr().err
+
+
+def test_modes_at_a_frame_are_those_of_the_loaded_body(tmp_path, capsys):
+    """A beam pulled by 5 % of its length: the frame that `simulate` wrote gives what Python does; what is no such frame is refused."""
+    pulled = beam(body={"length": 0.06, "width": 0.01, "height": 0.005, "cells": [8, 1, 2]}, steps={"count": 2},
+                  support=[{"where": "x-min"}, {"where": "x-max", "displacement": [0.003, 0, 0]}])
+    scene, path = tmp_path / "pulled.toml", tmp_path / "pulled.vtkhdf"
+    scene.write_text(pulled.to_toml())
+    assert fidelity.main(["simulate", str(scene), "--out", str(path)]) == 0
+    capsys.readouterr()
+    assert fidelity.main(["modes", str(scene), "--at", f"{path}:2", "--count", "2", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    solution = solve(pulled)
+    expected = elastic_modes(pulled, count=2, at=(solution.displacement[-1], 1.0)).frequencies_hz
+    assert result["frequencies_hz"] == pytest.approx(expected, rel=1e-6) and "of the body as it is at 1" in result["remarks"][0]
+    assert result["frequencies_hz"][0] > 1.2 * elastic_modes(pulled, count=1).frequencies_hz[0]
+    other = tmp_path / "other.toml"
+    other.write_text(beam().to_toml())
+    for arguments, said in ((["modes", scene, "--at", f"{path}:3"], "has frames 0 .. 2"),
+                            (["modes", scene, "--at", path], "the number of a frame"),
+                            (["modes", other, "--at", f"{path}:1"], "not a trajectory of this scene"),
+                            (["modes", scene, "--at", f"{scene}:1"], "not a whole trajectory file"),
+                            (["modes", scene, "--kind", "laplacian", "--at", f"{path}:1"], "--at is for elastic modes")):
+        assert fidelity.main([str(argument) for argument in arguments]) == 2
+        assert said in (err := capsys.readouterr().err) and err.count("\n") == 1

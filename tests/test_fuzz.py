@@ -35,6 +35,9 @@ BASES = [
     BEAM | {"obstacle": {"shape": "half-space", "normal": [0.0, 0.0, -1.0], "path": [[0.0, 0.0, 0.021], [0.0, 0.0, 0.0195]]}},
     BEAM | {"steps": {"count": 2, "dynamic": True, "duration": 0.01, "velocity": [0.0, 0.0, 0.1]},
             "load": [{"where": "x-max", "traction": [0.0, 0.0, -10.0], "sudden": True}]},
+    BEAM | {"load": [{"where": "z-max", "pressure": 10.0, "follower": True, "steps": [0.0, 0.5, 1.0], "factor": [0.0, 1.0, 0.0]}],
+            "support": [{"where": "x-min"}, {"where": "x-max", "axis": [1.0, 0.0, 0.0], "angle": 5.0, "centre": [0.06, 0.01, 0.01]}]},
+    BEAM | {"obstacle": {"shape": "sphere", "radius": 0.01, "path": [*PATH, PATH[0]], "steps": [0.0, 0.5, 1.0]}},
     BEAM | {"body": {"shape": "file", "path": "part.msh"}, "support": [{"where": "wall"}],
             "load": [{"where": "tip", "traction": [0.0, 0.0, 10.0]}]}]
 VALUES = [float("nan"), float("inf"), 1e300, -1e300, 1e-300, 5e-324, 1.7e308, 0, 0.0, -0.0, -1, -1e-3, 1e9, 1e18, -1e9, 1e-9, 1e5, 2**63,

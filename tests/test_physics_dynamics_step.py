@@ -78,7 +78,7 @@ def test_how_a_motion_begins():
     assert not made.balance.load.any() and not made.newton.round_obstacle
     left = made.balance.mesh.points[:, 0] < 1e-9
     assert made.velocity == pytest.approx(np.where(left[:, None], [0.002, 2.0, 0.008], [1.0, 2.0, 3.0]))  # led for half a second
-    assert made.pull == pytest.approx(np.where(left[:, None], [0.002, 0, 0.008], 0.0))
+    assert made.pull(0.0, 0.1) == pytest.approx(np.where(left[:, None], [0.002, 0, 0.008], 0.0))
     assert made._largest == pytest.approx(max(np.linalg.norm(made.sudden), np.linalg.norm(made.growing)))
     assert made.kinetic_energy == pytest.approx((made.moving.node_mass * made.velocity**2).sum() / 2)
     assert not motion().velocity.any()

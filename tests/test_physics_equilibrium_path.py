@@ -82,7 +82,7 @@ def test_a_path_keeps_four_states_and_the_order_that_was_best(monkeypatch):
 
 
 def replace_target(balance, target):
-    balance.target = target
+    balance.moves.target = target
     return balance
 
 

@@ -36,11 +36,13 @@ def test_every_default():
                  "order": 1,
                  "element": "standard", "path": None, "scale": None, "hole_centre": None, "hole_radius": None, "plane": None,
                  "thickness": None},
-        "material": {"law": "neo-hookean", "young_modulus": 1e6, "poisson_ratio": 0.4, "density": 1000.0},
-        "support": ({"where": "x-min", "fixed": "xyz", "displacement": (0.0, 0.0, 0.0)},),
-        "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False},),
+        "material": {"law": "neo-hookean", "young_modulus": 1e6, "poisson_ratio": 0.4, "density": 1000.0, "orthotropic": None},
+        "support": ({"where": "x-min", "fixed": "xyz", "displacement": (0.0, 0.0, 0.0), "axis": None, "angle": None, "centre": None,
+                     "steps": None, "factor": None},),
+        "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False, "pressure": None,
+                  "follower": None, "steps": None, "factor": None},),
         "obstacle": {"shape": "sphere", "radius": 0.01, "axis": (0.0, 1.0, 0.0), "length": None, "size": None, "normal": None,
-                     "path": ((0.0, 0.0, 1.0),), "contact": "facets"},
+                     "path": ((0.0, 0.0, 1.0),), "steps": None, "contact": "facets"},
         "steps": {"count": 400, "duration": None, "dynamic": False, "velocity": None}}
     bare = scene()
     assert bare.support == () and bare.load == () and bare.obstacle is None
@@ -208,10 +210,11 @@ def test_rules_of_supports_and_loads():
     refused("support[0].where = 'z-min'", body=PLATE, support=[{"where": "z-min"}])
     anything = scene(body={"shape": "file", "path": "a"}, support=[{"where": "wall of brick"}])
     assert anything.support[0].where == "wall of brick"
-    refused("load[1]: give exactly one of traction and acceleration", load=[{"acceleration": [0, 0, 1]}, {}])
+    refused("load[1]: give exactly one of traction, pressure and acceleration", load=[{"acceleration": [0, 0, 1]}, {}])
     refused("load[0]: give exactly one", load=[{"where": "x-min", "traction": [0, 0, 1], "acceleration": [0, 0, 1]}])
-    refused("load[0]: a traction needs a where, an acceleration takes none", load=[{"traction": [0, 0, 1]}])
-    refused("load[0]: a traction needs a where, an acceleration takes none", load=[{"where": "x-min", "acceleration": [0, 0, 1]}])
+    refused("load[0]: a traction or a pressure needs a where, an acceleration takes none", load=[{"traction": [0, 0, 1]}])
+    refused("load[0]: a traction or a pressure needs a where, an acceleration takes none",
+            load=[{"where": "x-min", "acceleration": [0, 0, 1]}])
 
 
 def test_rules_of_steps():
@@ -284,9 +287,9 @@ def test_files(tmp_path):
     ("body", {"lenght": 1}, "shape, length, width, height, cells, cell_size, cell, order, element"),
     ("body", {"shape": "plate", "cell": "triangle", "x": 1}, "shape, length, width, height, cells, cell_size, cell, order, element, plane, "
                                                              "thickness"),
-    ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, contact"),
-    ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, contact"),
-    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, path, contact"),
+    ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, steps, contact"),
+    ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, steps, contact"),
+    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, path, steps, contact"),
     ("steps", {"number": 1}, "count, duration, dynamic, velocity")])
 def test_an_unknown_key_lists_those_that_its_shape_takes(name, table, takes):
     whole = {"body": {"length": 1.0, "width": 1.0, "height": 1.0, "cells": [1, 1, 1]}, "material": {"young_modulus": 1, "poisson_ratio": 0}}

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physics.body.supports import held, nodal_areas, prescribed, rigid_motions_left, traction_load
+from physics.body.schedule import Moves
+from physics.body.supports import held, nodal_areas, rigid_motions_left, traction_load
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.scene import Body, Load, Support
@@ -35,8 +36,8 @@ def test_prescribed_displacements_are_those_of_held_components_alone():
     mesh = build_mesh(made.body)
     x, y, _ = mesh.points.T
     left, back = abs(x) < 1e-9, abs(y - 0.2) < 1e-9
-    assert np.array_equal(prescribed(made, mesh), np.stack([1.0 * left, 5.0 * back, 3.0 * (left | back)], axis=1))
-    assert np.array_equal(prescribed(scene(), mesh), np.zeros((24, 3)))
+    assert np.array_equal(Moves(made, mesh).at(1.0), np.stack([1.0 * left, 5.0 * back, 3.0 * (left | back)], axis=1))
+    assert np.array_equal(Moves(scene(), mesh).at(1.0), np.zeros((24, 3)))
 
 
 @pytest.mark.parametrize("first, second", [(1.0, 0.0), (0.0, 1.0), (1.0, 2.0)])
@@ -47,7 +48,7 @@ def test_supports_that_contradict_are_named(first, second):
     if first:  # else it is the corner with x-max that contradicts, at 'y-max' as well
         made = replace(made, support=(Support(where="z-max", fixed="x"), *made.support[1:]))
     with pytest.raises(InputError, match=match):
-        prescribed(made, build_mesh(made.body))
+        Moves(made, build_mesh(made.body))
 
 
 @pytest.mark.parametrize("components, left", [

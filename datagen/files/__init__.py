@@ -4,6 +4,7 @@
     layout       whether arrays have the shapes of the format
     solved       the scene and the mesh whose equations it answers
     places       what is kept of a mesh file
+    fields       what a file can hold of a solution besides its displacements: stress
     tfrecord     records of TensorFlow, byte by byte
     inputs       what a predictor may see of one, as arrays
     prediction   a file, or a folder of them, held against true ones

@@ -15,7 +15,8 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
                                                  public mesh data sets, which also have AIRFOIL 2, INFLOW 4, OUTFLOW 5, WALL 6)
         mode_1 ... mode_m       (N, 3) float32   elastic modes, zero on the obstacle; largest displacement 1
         segment                 (N,) int32       optional
-        NAME                    (T N, k) float32  optional: whatever else changes, such as the stress of an imported set; @fields
+        NAME                    (T N, k) float32  optional: whatever else changes, such as stress (fields.py, or that of
+                                                  an imported set); @fields
       FieldData                 one row for each frame
         obstacle                (T, 3) float64   [m] its centre; a file may lack it
         reaction                (T, 3) float64   [N] force of the body on the obstacle (without one: on its supports)

@@ -28,7 +28,8 @@ from datagen.files.solved import as_solved, solved_on
 from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
 from datagen.sets.dataset import digest, read_manifest
 from datagen.sets.workers import progress
-from physics.body.supports import held, prescribed
+from physics.body.schedule import Moves
+from physics.body.supports import held
 from physics.contact.obstacles import Rigid
 from physics.equilibrium.newton import TOLERANCE
 from physics.fem import release
@@ -96,13 +97,14 @@ def against_scene(trajectory: Trajectory, *, steps: int = 5) -> list[str]:
         return ["the body's nodes are not those of its scene"]
     if not np.array_equal(trajectory.connectivity[:mesh.cells.size], mesh.cells.ravel()):
         return ["the body's cells are not those of its scene"]
-    fraction = np.arange(frames)[:, None, None] / scene.steps.count
     # Four times the rounding of single precision, or what packing may have changed.
     rounding = max(4.8e-7 * max(float(abs(trajectory.displacement).max()), 1e-9), float(trajectory.extra.get("tolerance", 0.0)))
     body = trajectory.displacement[:, :nodes].astype(np.float64)
     fixed, found = held(scene, mesh), []
 
-    off = abs(body - fraction * prescribed(scene, mesh))[:, fixed].max(initial=0.0)
+    moves = Moves(scene, mesh)
+    due = np.array([moves.at(t / scene.steps.count) for t in range(frames)])
+    off = abs(body - due)[:, fixed].max(initial=0.0)
     if off > rounding:
         found.append(f"held nodes leave their prescription by {off:.2g} m")
     det = smallest_det_f(mesh.points, body, mesh.cells, mesh.cell)

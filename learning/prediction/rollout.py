@@ -57,8 +57,8 @@ def rollout(model: Model | Slender, trajectory: Trajectory, *, correct: Correcti
         example = replace(example, estimate=estimate(example.trajectory, example.targets))
     displacement = walk(model, example, correct)
     seconds = (time.perf_counter() - start) / max(len(displacement) - 1, 1)
-    return replace(example.trajectory, displacement=displacement, per_frame={}, segment=example.skeleton.segment.astype(np.int32),
-                   extra={"run": model.name, "seconds_per_step": seconds})
+    return replace(example.trajectory, displacement=displacement, per_frame={}, fields={},
+                   segment=example.skeleton.segment.astype(np.int32), extra={"run": model.name, "seconds_per_step": seconds})
 
 
 def _slender_rollout(model: Slender, trajectory: Trajectory, correct: Correction | None) -> Trajectory:

@@ -39,6 +39,8 @@ class Elasticity:
         """Args: element of element.py. Raises `InputError` for a plane body."""
         if mesh.dimension != 3:
             raise InputError("a plane body has modes, but no finite strains here: give a solid one")
+        if material.orthotropic is not None:
+            raise InputError("material.orthotropic: has modes at rest, but no law of finite strain here: give an isotropic material")
         self.mesh, self.material, self.fixed, self.element = mesh, material, fixed, element
         self._kernel, self._lame = Kernel(material.law, mesh.cells, samples(mesh, element)), lame(material)
         self.cells = self._kernel.cells

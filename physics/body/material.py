@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.scene import Material
+from physics.scene import Material, Orthotropic
 from physics.schema import Bound
 
 Floats = NDArray[np.float64]
@@ -94,3 +94,17 @@ def stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
     by_b = law.energy(a, b + 1j * STEP, lmbda, mu, np.log).imag / STEP
     found: Floats = by_a[:, None, None] * slopes[0] + by_b[:, None, None] * slopes[1]
     return found
+
+
+def orthotropic_stiffness(material: Orthotropic, plane: str | None = None) -> tuple[Floats, tuple[float, ...]]:
+    """C (d, d) of the normal strains, sigma_i = sum_j C_ij epsilon_j, and the shear moduli, sigma_ij = 2 G_ij epsilon_ij [Pa].
+
+    C is the inverse of S, S_ii = 1 / E_i, S_ij = S_ji = - nu_ij / E_i (Lekhnitskii, Theory of Elasticity of an Anisotropic Body, 3).
+
+    plane: None for a solid, d = 3 and G of xy, yz, xz; "strain" or "stress" in the plane xy, d = 2 and one G
+    """
+    (x, y, z), (xy, yz, xz) = material.young_moduli, material.poisson_ratios
+    S = np.array([[1 / x, -xy / x, -xz / x], [-xy / x, 1 / y, -yz / y], [-xz / x, -yz / y, 1 / z]])
+    if plane is None:
+        return np.linalg.inv(S), material.shear_moduli
+    return np.linalg.inv(S[:2, :2]) if plane == "stress" else np.linalg.inv(S)[:2, :2], material.shear_moduli[:1]

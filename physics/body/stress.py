@@ -1,4 +1,4 @@
-"""Cauchy stress at the centres of cells, and von Mises' measure of it.
+"""Cauchy stress at the centres of cells and at nodes, and von Mises' measure of it.
 
     sigma = P F^T / det F,   P = dW/dF,   von Mises = sqrt(3/2 s : s),   s = sigma - tr(sigma)/3 I          [Pa]
 
@@ -6,12 +6,24 @@ P is not written down for each law: a cell of volume 1 with three nodes whose gr
 of P as its nodal forces. They come from the same kernel as those of the solver. Where small strains are assumed (law
 "linear") sigma is P itself.
 
-Legend: N nodes, C cells, n nodes of a cell, M tensors.
+At the nodes it follows from that at the centres. Around each node a linear function is fitted to the stress at the centres of the
+cells nearby, those at the node and those that touch them, by least squares with weights 1/d^2, d the distance of a centre from the
+node. Its value at the node is a weighted sum of the cells' stresses, the same for all frames,
+
+    sigma(x) = sum_c r_c sigma_c,    r_c = p_c (1 + (x - m) . S^+ (x_c - m)),    m = sum p_c x_c,    S = sum p_c (x_c - m) (x_c - m)^T
+
+with p the weights over their sum. So stress that varies linearly is exact up to the surface, where means over cells are too low by what
+it changes in half a cell (Zienkiewicz and Zhu, Int. J. Numer. Meth. Engng 33, 1992, 1331: recovery from patches). Across a single layer
+of cells there is nothing to fit: S^+ leaves out the directions in which the centres spread by less than SPREAD of what the nodes of
+their cells do.
+
+Legend: N nodes, C cells, n nodes of a cell, M tensors, k pairs of a node and a cell nearby.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from physics.body.element import Samples
@@ -22,6 +34,8 @@ from physics.mesh.quality import centre_gradients
 from physics.scene import Material
 
 Floats = NDArray[np.float64]
+
+SPREAD = 0.1  # of centres over that of the nodes of their cells, as variances: two layers have 0.36 at their surface, one has 0
 
 
 def deformation(mesh: Mesh, displacement: ArrayLike) -> Floats:
@@ -40,12 +54,60 @@ def first_piola(F: Floats, material: Material) -> Floats:
     return kernel.forces(columns, lame(material)).reshape(-1, 3, 3).transpose(0, 2, 1)
 
 
-def von_mises(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
-    """(C,) von Mises stress [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
+def cauchy(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
+    """(C, 3, 3) sigma [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
     F = deformation(mesh, displacement)
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = first_piola(F, material)
-        if material.law != "linear":
-            sigma = sigma @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        return sigma if material.law == "linear" else sigma @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+
+
+def von_mises_of(sigma: Floats) -> Floats:
+    """(M,) von Mises stress [Pa] of tensors (M, 3, 3)."""
+    with np.errstate(invalid="ignore"):
         deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
         return np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
+
+
+def von_mises(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
+    """(C,) von Mises stress [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
+    return von_mises_of(cauchy(mesh, displacement, material))
+
+
+def recovery(mesh: Mesh) -> scipy.sparse.csr_matrix:
+    """(N, C) what the value at each cell's centre counts at each node of a solid body; a node of no cell has zeros."""
+    n, corners = mesh.cells.shape[1], mesh.points[mesh.cells]
+    ends = n * np.arange(len(mesh.cells) + 1)
+    touches = scipy.sparse.csr_matrix((np.ones(mesh.cells.size), mesh.cells.ravel(), ends), shape=(len(mesh.cells), len(mesh.points)))
+    near = (touches.T @ (touches @ touches.T)).tocoo()
+    node, cell = near.row, near.col  # (k,)
+    centre = corners.mean(axis=1)
+    away = centre[cell] - mesh.points[node]
+    weight = 1 / (away**2).sum(axis=1)
+    weight /= np.bincount(node, weight, len(mesh.points))[node]
+
+    def mean(values: Floats) -> Floats:
+        """(N, ...) of values (k, ...)."""
+        rows = scipy.sparse.csr_matrix((weight, (node, np.arange(len(node)))), shape=(len(mesh.points), len(node)))
+        return np.asarray(rows @ values.reshape(len(node), -1)).reshape(-1, *values.shape[1:])
+
+    middle = mean(away)  # (N, 3) m - x
+    apart = away - middle[node]
+    own = corners - centre[:, None]
+    size = mean((np.einsum("cni,cnj->cij", own, own) / n)[cell])  # (N, 3, 3) spread of the nodes of the cells
+    size[np.bincount(node, minlength=len(mesh.points)) == 0] = np.eye(3)
+    unit = np.linalg.inv(np.linalg.cholesky(size))
+    spread, axes = np.linalg.eigh(unit @ mean(apart[:, :, None] * apart[:, None, :]) @ unit.transpose(0, 2, 1))
+    kept = np.where(spread > SPREAD, 1 / np.maximum(spread, SPREAD), 0.0)
+    slope = np.einsum("nji,njk,nk,nlk,nlm,nm->ni", unit, axes, kept, axes, unit, -middle, optimize=True)  # (N, 3) S^+ (x - m)
+    share = weight * (1 + (slope[node] * apart).sum(axis=1))
+    return scipy.sparse.csr_matrix((share, (node, cell)), shape=(len(mesh.points), len(mesh.cells)))
+
+
+def nodal_stress(mesh: Mesh, displacement: ArrayLike, material: Material, at_nodes: scipy.sparse.csr_matrix | None = None) -> Floats:
+    """(N, 3, 3) Cauchy stress [Pa] at the nodes for displacements (N, 3) [m]; not a number near an inverted cell.
+
+    at_nodes: `recovery` of the mesh, where it is at hand
+    """
+    at_nodes = recovery(mesh) if at_nodes is None else at_nodes
+    return np.asarray(at_nodes @ cauchy(mesh, displacement, material).reshape(-1, 9)).reshape(-1, 3, 3)

@@ -1,4 +1,4 @@
-"""What holds and loads a body: held components, prescribed displacements, tractions. Legend: N nodes."""
+"""What holds and loads a body: held components, tractions, dead pressures. Legend: N nodes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from physics.body.pressure import pressure_force
 from physics.mesh.cell import CELLS
-from physics.mesh.mesh import Mesh
+from physics.mesh.mesh import Mesh, rows_in
 from physics.mesh.sound.fit import described, joined, piece_of
 from physics.scene import Scene, Where
 from physics.schema import InputError
@@ -24,25 +25,6 @@ def held(scene: Scene, mesh: Mesh) -> NDArray[np.bool_]:
         for letter in support.fixed:
             fixed[mesh.place(support.where), "xyz".index(letter)] = True
     return fixed
-
-
-def prescribed(scene: Scene, mesh: Mesh) -> Floats:
-    """(N, 3) displacements [m] of the held components at the last step, zero elsewhere.
-
-    Raises:
-        InputError: two supports give one component of a node different displacements
-    """
-    target, given = np.zeros_like(mesh.points), np.zeros(mesh.points.shape, bool)
-    for i, support in enumerate(scene.support):
-        nodes = mesh.place(support.where)
-        for letter in support.fixed:
-            axis = "xyz".index(letter)
-            value = support.displacement[axis]
-            if (given[nodes, axis] & (target[nodes, axis] != value)).any():
-                raise InputError(f"support[{i}]: gives the {letter} displacement of nodes at {support.where!r} as {value:g} m, "
-                                 "another support gives another")
-            target[nodes, axis], given[nodes, axis] = value, True
-    return target
 
 
 def rigid_motions_left(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
@@ -102,7 +84,7 @@ def _hinged(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
 
 
 def traction_load(scene: Scene, mesh: Mesh) -> Floats:
-    """(N, 3) nodal forces [N] of the tractions, over rest facets, at the last step.
+    """(N, 3) nodal forces [N] of tractions and dead pressures, over rest facets, at the last step.
 
     Raises:
         InputError: a place is an edge or a point, which has no facet, or a region, of which nobody said which
@@ -113,7 +95,18 @@ def traction_load(scene: Scene, mesh: Mesh) -> Floats:
             if wrong := _no_face(mesh, load.where):
                 raise InputError(f"load[{i}].where = {load.where!r}: {wrong}; a traction needs a face")
             force += nodal_areas(mesh, load.where)[:, None] * np.array(load.traction)
+        if load.pressure is not None and load.where is not None and not load.follower:
+            force += pressure_force(mesh.points, outer_facets(mesh, load.where, f"load[{i}].where"), load.pressure)
     return force
+
+
+def outer_facets(mesh: Mesh, where: str | Where, key: str) -> list[NDArray[np.int64]]:
+    """The facets (F, k) of a place that a pressure acts on, outward. Raises `InputError` when it has none, or inner ones."""
+    wrong, facets = _no_face(mesh, where), mesh.facets(where)
+    inner = sum(int(rows_in(some, outer).size - rows_in(some, outer).sum()) for some, outer in zip(facets, mesh.boundary, strict=True))
+    if wrong or inner:
+        raise InputError(f"{key} = {where!r}: {wrong or f'{inner} of its facets lie inside the body'}; a pressure needs an outer face")
+    return facets
 
 
 def _no_face(mesh: Mesh, where: str | Where) -> str:

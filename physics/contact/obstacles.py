@@ -183,11 +183,12 @@ SHAPES: dict[str, Callable[[Obstacle], Shape]] = {
 
 
 class Rigid:
-    """A rigid obstacle on its prescribed path (W, 3) [m]."""
+    """A rigid obstacle on its prescribed path (W, 3) [m], whose way-points are reached at fractions (W,) of the steps."""
 
     def __init__(self, obstacle: Obstacle) -> None:
         self.shape: Shape = SHAPES[obstacle.shape](obstacle)
         self.path = np.array(obstacle.path)
+        self.reached = np.linspace(0.0, 1.0, len(self.path)) if obstacle.steps is None else np.array(obstacle.steps)
 
     @property
     def width(self) -> float:
@@ -195,9 +196,8 @@ class Rigid:
         return self.shape.width
 
     def position(self, fraction: float) -> Floats:
-        """(3,) centre [m] at a fraction 0 .. 1 of the steps; way-points are reached at equal fractions."""
-        where = np.linspace(0.0, 1.0, len(self.path))
-        return np.array([np.interp(fraction, where, component) for component in self.path.T])
+        """(3,) centre [m] at a fraction 0 .. 1 of the steps; between way-points on a straight line."""
+        return np.array([np.interp(fraction, self.reached, component) for component in self.path.T])
 
     def gap(self, points: Floats, centre: Floats) -> tuple[Floats, Floats]:
         """Signed distances (Q,) [m] and normals (Q, 3) of points (Q, 3) for an obstacle at a centre (3,)."""

@@ -1,22 +1,27 @@
 """The equations of a scene: f(u) = b + sum_q p_q n_q on the free components of the displacement u.
 
-f = dW/du are the internal forces (elasticity.py), b the dead loads, p_q >= 0 the forces of contact (contact.py); held
-components follow their prescription. Loads and prescribed displacements grow linearly with the fraction 0 .. 1 of the
-loading, the obstacle is on its path. Legend: N nodes, Q contact points.
+f = dW/du are the internal forces (elasticity.py), less pressures that follow their faces (pressure.py), b the dead loads,
+p_q >= 0 the forces of contact (contact.py); held components follow their prescription. Loads and prescribed displacements
+grow linearly with the fraction 0 .. 1 of the loading or go by a table (schedule.py), the obstacle is on its path.
+Legend: N nodes, Q contact points.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
-from physics.body.supports import held, loose, prescribed, traction_load
+from physics.body.pressure import Pressed
+from physics.body.schedule import Moves, scheduled, share
+from physics.body.supports import held, loose, outer_facets, traction_load
 from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
-from physics.scene import Scene
+from physics.scene import Load, Scene
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -30,8 +35,9 @@ class Balance:
     """The equations of one scene on one mesh.
 
     Attributes:
-        fixed: (N, 3) True on held components; target: (N, 3) their displacements at the last step [m]
-        load: (N, 3) dead loads at the last step [N]
+        fixed: (N, 3) True on held components; moves: their displacements
+        load: (N, 3) dead loads at the last step that grow evenly [N]; tabled: those that go by a table, in full
+        pressed: the body, where pressures follow its faces
         body: internal forces; elasticity: of the step, which in motion has inertia in it; contact: None without an obstacle
         size: of a cell [m]
         floor: force [N] below which rounding in f(u) takes over
@@ -45,14 +51,15 @@ class Balance:
             InputError: the body is free to move, or the obstacle starts inside of it
         """
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
-        self.fixed, self.target = held(scene, mesh), prescribed(scene, mesh)
-        self.bearing = np.flatnonzero(self.target.any(axis=1) if self.target.any() else self.fixed.any(axis=1))
-        self.body = Elasticity(mesh, scene.material, self.fixed, scene.body.element)
+        self.fixed, self.moves = held(scene, mesh), Moves(scene, mesh)
+        self.bearing = np.flatnonzero(self.moves.nodes if self.moves.nodes.any() else self.fixed.any(axis=1))
+        following = [(outer_facets(mesh, load.where, f"load[{i}].where"), load) for i, load in enumerate(scene.load)
+                     if load.follower and load.where is not None]
+        self.pressed = Pressed(mesh, scene.material, self.fixed, scene.body.element, following) if following else None
+        self.body = self.pressed or Elasticity(mesh, scene.material, self.fixed, scene.body.element)
         self.elasticity: Elasticity | Lumped = self.body
-        self.load = traction_load(scene, mesh)
-        for load in scene.load:
-            if load.acceleration is not None:
-                self.load += self.body.weight(np.array(load.acceleration))
+        self.load = self._full([load for load in scene.load if not scheduled(load)])
+        self.tabled = [(load, self._full([load])) for load in scene.load if scheduled(load) and not load.follower]
         self.contact: Contact | None = None
         if scene.obstacle is not None:
             rigid = Rigid(scene.obstacle)
@@ -63,9 +70,49 @@ class Balance:
         self.floor = 1e3 * float(np.finfo(float).eps) * scene.material.young_modulus * self.size * float(np.ptp(mesh.points))
         self._check()
 
+    def _full(self, loads: list[Load]) -> Floats:
+        """(N, 3) [N] some dead loads in full."""
+        force = traction_load(replace(self.scene, load=tuple(loads)), self.mesh)
+        for load in loads:
+            if load.acceleration is not None:
+                force += self.body.weight(np.array(load.acceleration))
+        return force
+
+    @property
+    def target(self) -> Floats:
+        """(N, 3) [m] displacements at the last step of the components that are moved evenly."""
+        return self.moves.target
+
+    @property
+    def varied(self) -> bool:
+        """True when some load or support does not simply grow with the steps."""
+        return self.moves.varied or any(scheduled(load) for load in self.scene.load)
+
+    @property
+    def loaded(self) -> bool:
+        """True when loads or supports that move do something to the body."""
+        return bool(self.load.any() or self.target.any() or self.pressed is not None or self.tabled or self.moves.varied)
+
+    def outer(self, fraction: float) -> Floats:
+        """(N, 3) dead loads [N] at a fraction of the loading; from now on pressures that follow their faces act as there."""
+        if self.pressed is not None:
+            self.pressed.fraction = fraction
+        return sum((share(load, fraction) * force for load, force in self.tabled), fraction * self.load)
+
+    def moved(self, fraction: float) -> Floats:
+        """(N, 3) [m] displacements of the held components at a fraction of the loading."""
+        return self.moves.at(fraction)
+
+    def work(self, u: Floats, fraction: float) -> float:
+        """[J] of the loads as they are at a fraction of the loading, up to displacements (N, 3)."""
+        even = fraction * float((self.load * u).sum())
+        work = sum((float((share(load, fraction) * force * u).sum()) for load, force in self.tabled), even)
+        self.outer(fraction)
+        return work + (0.0 if self.pressed is None else self.pressed.work(u))
+
     def rests(self, fraction: float) -> bool:
         """True when the rest state is in balance: nothing loads, moves or touches the body."""
-        if self.load.any() or self.target.any():
+        if self.loaded:
             return False
         return self.clearance(fraction) >= -GAP_TOLERANCE * self.size
 
@@ -83,13 +130,13 @@ class Balance:
         if self.contact is None:
             return 0.0
         obstacle = self.contact.obstacle
-        between = np.unique([start, *np.linspace(0, 1, len(obstacle.path)), end])
+        between = np.unique([start, *obstacle.reached, end])
         way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
         safe = min(obstacle.width, float(np.ptp(self.mesh.points, axis=0).min())) / 2
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe
 
     def _check(self) -> None:
-        if not self.scene.steps.dynamic and (self.contact is not None or self.load.any() or self.target.any()):
+        if not self.scene.steps.dynamic and (self.contact is not None or self.loaded):
             if free := loose(self.mesh, self.fixed):
                 raise InputError(f"support: {free}")
         if self.fixed.all():

@@ -145,10 +145,16 @@ class Newton:
         Raises:
             NoEquilibrium: the stiffness there cannot be factored, or offers contact no resistance
         """
-        contact = self.balance.contact
+        contact, outer = self.balance.contact, self.balance.outer(fraction)
         self._refactor(u)
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
-        return self._step(self.balance.elasticity.force(u) - fraction * self.balance.load, touch)
+        return self._step(self.balance.elasticity.force(u) - outer, touch)
+
+    def pressing(self, state: State) -> Felt | None:
+        """Contact at the points that press in a state; None when none does."""
+        touch = self._touch(state.fraction, state.u, state.pressure)
+        points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
+        return None if touch is None or not len(points) else self._felt(touch, points)
 
     def outdate(self) -> None:
         """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
@@ -164,7 +170,7 @@ class Newton:
         Raises:
             NoEquilibrium: the stiffness cannot be factored, or offers contact no resistance
         """
-        balance, outer, state = self.balance, fraction * self.balance.load, last
+        balance, outer, state = self.balance, self.balance.outer(fraction), last
         limit = TURNED * float(np.ptp(balance.mesh.points, axis=0).min())
         # Corrected by a single step, the last state may be farther from equilibrium than this guess, and so on from frame to frame;
         # corrected by more it is smoother than any guess, whose noise stiffens and softens cells at random.
@@ -208,7 +214,7 @@ class Newton:
     def _newton(self, fraction: float, start: Floats, last: State, *, renew: bool = False) -> State:
         """Newton's method with the kept factor, or a new one at each iterate. Raises `NoEquilibrium` when it does not converge."""
         balance = self.balance
-        u, outer = start, fraction * balance.load
+        u, outer = start, balance.outer(fraction)
         touch = self._touch(fraction, u, last.pressure)
         force = balance.elasticity.force(u) - outer
         self._mixing.begin()

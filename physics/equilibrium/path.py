@@ -42,6 +42,7 @@ class PathMemory:
     kinematics: str
     linear: LinearMemory | None  # while small strain is enough
     newton: NewtonMemory
+    pressed: float | None = None  # fraction of the following pressures that the kept factor was made with
 
 
 class LoadPath:
@@ -71,7 +72,7 @@ class LoadPath:
         if not last.u.any() and self.balance.rests(fraction):
             return self._append(State(fraction, last.u, last.pressure))
         try:
-            if self.linear is not None and self.balance.contact is None:
+            if self.linear is not None and self.balance.contact is None and not self.balance.varied:
                 state = self.linear.scaled(fraction)
             else:
                 state = self.newton.equilibrium(fraction, self._predict(fraction), last)
@@ -111,7 +112,8 @@ class LoadPath:
     def memory(self) -> PathMemory:
         """What `recall` takes."""
         return PathMemory(StatesMemory.of(self.states), self.order, self.halvings, self.linear_steps, self.kinematics,
-                          None if self.linear is None else self.linear.memory(), self.newton.memory())
+                          None if self.linear is None else self.linear.memory(), self.newton.memory(),
+                          None if self.balance.pressed is None else self.balance.pressed.factored)
 
     def recall(self, memory: PathMemory) -> None:
         """Go on as the path whose memory this is would have, to the last bit."""
@@ -121,6 +123,8 @@ class LoadPath:
             self._finite_from_here()
         elif self.linear is not None and memory.linear is not None:
             self.linear.recall(memory.linear)
+        if memory.pressed is not None:
+            self.balance.outer(memory.pressed)
         self.newton.recall(memory.newton)
 
     def _snap(self, fraction: float, error: NoEquilibrium) -> State:
@@ -144,7 +148,8 @@ class LoadPath:
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""
-        return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), fraction * self.balance.target)
+        self.balance.outer(fraction)
+        return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), self.balance.moved(fraction))
 
     def _append(self, state: State) -> State:
         """Keep a state, and choose the order of extrapolation that would have foreseen it best."""
@@ -156,6 +161,6 @@ class LoadPath:
         count = self.balance.scene.steps.count
         if self.balance.contact is None:
             return f"ask for more than {count} steps"
-        path = self.balance.contact.obstacle.path
-        stride = np.linalg.norm(np.diff(path, axis=0), axis=1).max(initial=0) * max(1, len(path) - 1) / count
+        obstacle = self.balance.contact.obstacle
+        stride = (np.linalg.norm(np.diff(obstacle.path, axis=0), axis=1) / np.diff(obstacle.reached)).max(initial=0) / count
         return f"the obstacle moves {stride / self.balance.size:.2g} cell sizes in one step"

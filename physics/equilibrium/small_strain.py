@@ -66,7 +66,7 @@ class Linear:
         balance = self.newton.balance
         points = 0 if balance.contact is None else len(balance.contact.surface.area)
         rest = np.zeros_like(balance.target)
-        start = np.where(balance.fixed, fraction * balance.target, rest)
+        start = np.where(balance.fixed, balance.moved(fraction), rest)
         return self.newton.equilibrium(fraction, start, State(0.0, rest, np.zeros(points)))
 
     def scaled(self, fraction: float) -> State:
@@ -125,9 +125,13 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, st
     if scene.material.law == "linear":
         other = replace(scene.material, law="saint-venant-kirchhoff")  # the law of finite strain that is linear in its strain
         return Linear(Newton(finite), Elasticity(mesh, other, finite.fixed, scene.body.element), asked=True), ""
+    if finite.pressed is not None:
+        return None, "finite strain: a pressure follows its face"
+    if finite.varied:
+        return None, "finite strain: loads or supports go by a table, or turn"
     fraction, depth = deepest(finite)
     extent = float(np.ptp(mesh.points, axis=0).max())
-    loaded = finite.load.any() or finite.target.any()
+    loaded = finite.loaded
     if not loaded and depth <= 0:
         return None, "finite strain: nothing presses the body at the places looked at"
     if depth > DEEPEST * extent:
@@ -157,6 +161,6 @@ def deepest(balance: Balance) -> tuple[float, float]:
     legs = max(1, len(balance.contact.obstacle.path) - 1)
     looks = np.linspace(0, 1, legs * int(np.ceil(LOOKS / legs)) + 1)
     depths = [-balance.clearance(float(fraction)) for fraction in looks]
-    if max(depths) <= 0 or balance.load.any() or balance.target.any():
+    if max(depths) <= 0 or balance.loaded:
         return 1.0, max(depths)
     return float(looks[int(np.argmax(depths))]), max(depths)

@@ -66,8 +66,8 @@ class Relaxation(Newton):
             NoEquilibrium: it does not come to rest
         """
         balance, drag = self.balance, self.least
-        at = np.where(balance.fixed, fraction * balance.target, last.u)
-        outer, pressure = fraction * balance.load, last.pressure
+        at = np.where(balance.fixed, balance.moved(fraction), last.u)
+        outer, pressure = balance.outer(fraction), last.pressure
         before, failures, peak, patience = self._potential(at, fraction), 0, 0.0, 0
         for step in range(1, STEPS + 1):
             made = self._euler(fraction, at, pressure, drag)
@@ -97,7 +97,7 @@ class Relaxation(Newton):
         touch = self._touch(fraction, u, pressure)
         try:
             self.tangent.renew(u, definite=True)
-            move = self._step(balance.elasticity.force(u) - fraction * balance.load, touch)
+            move = self._step(balance.elasticity.force(u) - balance.outer(fraction), touch)
         except NoEquilibrium:
             return None
         way = float(np.linalg.norm(move, axis=1).max())
@@ -117,4 +117,4 @@ class Relaxation(Newton):
         return found if near else None
 
     def _potential(self, u: Floats, fraction: float) -> float:
-        return self.balance.elasticity.energy(u) - fraction * float((self.balance.load * u).sum())
+        return self.balance.elasticity.energy(u) - self.balance.work(u, fraction)

@@ -42,7 +42,7 @@ class Corrector:
         Raises:
             NoEquilibrium: no step can be made from there, or no equilibrium is reached from it
         """
-        start = np.where(self.balance.fixed, fraction * self.balance.target, np.asarray(u, np.float64))
+        start = np.where(self.balance.fixed, self.balance.moved(fraction), np.asarray(u, np.float64))
         if not self._last.u.any() and self.balance.rests(fraction):  # before anything touches the rest state is the solution
             return np.zeros_like(start)
         if self.count is None:

@@ -83,7 +83,8 @@ class Checker:
     def frame(self, u: Floats, fraction: float) -> Frame:
         """Displacements (N, 3) at a fraction of the loading, held against the equations."""
         balance = self.balance
-        force = balance.elasticity.force(u) - fraction * balance.load
+        outer = balance.outer(fraction)
+        force = balance.elasticity.force(u) - outer
         free, energy = ~balance.fixed, balance.elasticity.energy(u)
         if balance.contact is None:
             return Frame(float(np.linalg.norm(force[free])), -force[balance.bearing].sum(axis=0), energy)

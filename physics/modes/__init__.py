@@ -2,5 +2,6 @@
 
     elastic     free and supported vibration, K x = omega^2 M x
     locking     whether cells of first order are much too stiff for a mode
+    loaded      the stiffness that a loaded body swings with
     laplacian   the modes of the Laplace operator, for flows
 """

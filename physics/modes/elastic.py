@@ -1,6 +1,7 @@
 """Elastic modes of a body: K phi = lambda M phi, lambda = (2 pi frequency)^2.
 
-K is the stiffness of the rest state, Hooke's law with the material's E and nu (the tangent of all laws in material.py there),
+K is the stiffness of the rest state, Hooke's law with the material's E and nu (the tangent of all laws in material.py there)
+or its orthotropic constants,
 and M the consistent mass, both restricted to the free components, so that a support never shows up as a mode. A body that
 its supports leave free to move has its rigid modes at zero; their number is compared with what the supports leave. Modes are
 M-orthonormal: phi_i . M phi_j = delta_ij [1/sqrt(kg)]; each one's largest component is positive.
@@ -31,7 +32,7 @@ from numpy.typing import NDArray
 
 from physics import fem
 from physics.body.elasticity import small_strain_stiffness
-from physics.body.material import lame
+from physics.body.material import lame, orthotropic_stiffness
 from physics.body.supports import held, pieces_held, rigid_motions_left
 from physics.linalg.eigen.lowest import lowest_pairs
 from physics.linalg.eigen.pairs import GOAL, Pairs, Problem, clusters
@@ -39,6 +40,7 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, pieces
 from physics.modes import locking
+from physics.modes.loaded import loaded_stiffness
 from physics.scene import Scene
 from physics.schema import InputError
 
@@ -92,21 +94,25 @@ class Modes:
 
 
 def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, spread: bool = False,
-                  method: str | None = None) -> Modes:
-    """The lowest elastic modes of a scene's body on its supports; loads and obstacle play no part.
+                  method: str | None = None, at: tuple[Floats, float] | None = None) -> Modes:
+    """The lowest elastic modes of a scene's body on its supports; loads and obstacle play no part, unless `at` a loaded state.
 
     Args:
+        at: displacements (N, 3) [m] of a state, and its fraction of the loading: the modes are of the body as it then is (loaded.py)
         mesh: of the body, if it has been built already
         spread: over all processes of an MPI run; every one gets the whole answer
         method: "direct" or "multigrid" instead of the choice by size
 
     Raises:
         InputError: more modes are asked for than the body has free components, or a support names no place
-        RuntimeError: fewer pairs were found than asked for
+        RuntimeError: fewer pairs were found than asked for, or there is no stable equilibrium beside the state
     """
     started = time.perf_counter()
     mesh = mesh or build_mesh(scene.body)
     problem, space = elastic_problem(scene, mesh, spread=spread)
+    loaded: tuple[str, ...] = ()
+    if at is not None:
+        problem, space, loaded = _at(problem, scene, mesh, at, spread)
     dofs = space.comm.allreduce(int(problem.free.sum()))
     if count > dofs:
         raise InputError(f"{count} modes asked for, the body has {dofs} free components")
@@ -122,7 +128,7 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
     largest = np.take_along_axis(shapes.reshape(count, -1), abs(shapes).reshape(count, -1).argmax(axis=1)[:, None], axis=1)
     sign = np.where(largest < 0, -1.0, 1.0)  # (m, 1)
     still = np.zeros((3 - mesh.dimension,))
-    first_order = scene.body.order == 1 and scene.body.element != "reduced"
+    first_order = scene.body.order == 1 and scene.body.element != "reduced" and scene.material.orthotropic is None
     stiff = locking.said(mesh, shapes, pairs.zeros, scene.material) if first_order else ()
     cells = f"{CELLS[mesh.cell].plural} of order {scene.body.order}" + (
         "" if scene.body.element == "standard" else f", {scene.body.element} element")
@@ -131,7 +137,7 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
         participation=np.pad(participation * sign, ((0, 0), (0, len(still)))) * np.sqrt(thickness),
         free_mass=np.concatenate([free_mass, still]) * thickness, dofs=dofs, rigid=pairs.zeros,
         rigid_expected=problem.zeros, cells=cells, solver=pairs.solver,
-        remarks=(*remarks(pairs, problem, mesh), *pieces_held(scene, mesh), *stiff), seconds=time.perf_counter() - started)
+        remarks=(*loaded, *remarks(pairs, problem, mesh), *pieces_held(scene, mesh), *stiff), seconds=time.perf_counter() - started)
 
 
 def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[Problem, fem.Space]:
@@ -143,9 +149,13 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
     if mesh.dimension == 2 and scene.body.plane == "stress":
         lmbda = 2 * mu * lmbda / (lmbda + 2 * mu)
     if scene.body.element != "standard":
+        if scene.material.orthotropic is not None:
+            raise InputError(f"body.element = {scene.body.element!r}: for isotropic materials only; leave it or orthotropic out")
         if space.comm.size > 1:
             raise InputError(f"body.element = {scene.body.element!r}: for one process only; leave mpirun or the element out")
         stiffness = small_strain_stiffness(space, mesh, scene.material, scene.body.element)
+    elif scene.material.orthotropic is not None:
+        stiffness = fem.matrix(_orthotropic_form(space, scene))
     else:
         first, second = space.constant(lmbda), space.constant(mu)
         dx = ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
@@ -165,6 +175,28 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
     zeros = sum(rigid_motions_left(replace(mesh, points=mesh.points[part]), fixed[part]) for part in pieces(mesh))
     return Problem(stiffness=stiffness, mass=mass, free=free.ravel(), zeros=zeros, scale=_first_bending(scene, mesh),
                    dimension=mesh.dimension, near_null=_rigid_motions(space)), space
+
+
+def _orthotropic_form(space: fem.Space, scene: Scene) -> Any:
+    """The stiffness of an orthotropic body as a UFL form, whose constants may change without compiling it again."""
+    assert scene.material.orthotropic is not None
+    D = space.components
+    normal, shear = orthotropic_stiffness(scene.material.orthotropic, None if D == 3 else scene.body.plane or "strain")
+    e, d = (ufl.sym(ufl.grad(of)) for of in (ufl.TrialFunction(space.V), ufl.TestFunction(space.V)))
+    density = sum(space.constant(float(normal[i, j])) * e[i, i] * d[j, j] for i in range(D) for j in range(D))
+    for modulus, (i, j) in zip(shear, ((0, 1), (1, 2), (0, 2)), strict=False):
+        density += 4 * space.constant(modulus) * e[i, j] * d[i, j]
+    return density * ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
+
+
+def _at(problem: Problem, scene: Scene, mesh: Mesh, at: tuple[Floats, float], spread: bool) -> tuple[Problem, fem.Space, tuple[str, ...]]:
+    """A problem of the body at rest, made that of a loaded state, its space, and a remark."""
+    if spread:
+        raise InputError("modes of a loaded body are found by one process; leave mpirun out")
+    for matrix in (problem.stiffness, problem.mass):
+        matrix.destroy()
+    stiffness, space, said = loaded_stiffness(scene, mesh, *at)
+    return replace(problem, stiffness=stiffness, mass=fem.mass_matrix(space, scene.material.density, stiffness)), space, (said,)
 
 
 def amplitudes(modes: Modes) -> Floats:

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
+from physics.body.schedule import share
 from physics.body.supports import traction_load
 from physics.equilibrium.balance import Balance, cells_said, contact_said
 from physics.equilibrium.newton import TOLERANCE, Newton, NewtonMemory
@@ -102,17 +103,18 @@ class Motion:
         self.growing = rest.load - self.sudden
         self.balance = copy.copy(rest)
         self.balance.elasticity = self.moving = Moving(rest.body)
+        self.tabled, self.balance.tabled = rest.tabled, []
         self.balance.load = np.zeros_like(rest.load)  # the loads are among the forces of the step
         self.balance.contact = None if rest.contact is None else Sweeping(rest.contact)
         self.newton = Newton(self.balance, tolerance=tolerance)
         self.newton.round_obstacle = False  # mean normals turn less than those at the end
         points = 0 if rest.contact is None else len(rest.contact.surface.area)
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(points))]
-        self.pull = rest.target / self.duration  # (N, 3) [m/s] of held components
-        self.velocity = np.where(self.fixed, self.pull, np.array(scene.steps.velocity or (0.0, 0.0, 0.0)))
+        self.velocity = np.where(self.fixed, self.pull(0.0, 1 / scene.steps.count), np.array(scene.steps.velocity or (0.0, 0.0, 0.0)))
         self.order, self.halvings = 0, 0
         self._floor = rest.floor
-        self._largest = max(float(np.linalg.norm(load)) for load in (self.sudden, self.growing))  # [N] force so far, or to come
+        acting = (self.sudden, self.growing, *(force for _, force in self.tabled))
+        self._largest = max(float(np.linalg.norm(load)) for load in acting)  # [N] force so far, or to come
 
     def advance(self, fraction: float, depth: int = 0) -> State:
         """The state at a later fraction of the duration, in several steps of time where one is too long. Raises `NoEquilibrium`."""
@@ -127,7 +129,10 @@ class Motion:
             self.newton.outdate()
         if isinstance(self.balance.contact, Sweeping):
             self.balance.contact.begin(last.u, self.balance.contact.obstacle.position(last.fraction))
-        self.moving.begin(last.u, self.velocity, self.sudden + (last.fraction + fraction) / 2 * self.growing, h)
+        outer = self.sudden + (last.fraction + fraction) / 2 * self.growing
+        for load, force in self.tabled:
+            outer = outer + (share(load, last.fraction) + share(load, fraction)) / 2 * force
+        self.moving.begin(last.u, self.velocity, outer, h)
         momentum = float(np.linalg.norm(self.moving.node_mass * self.velocity))
         self.balance.floor = max(self._floor, TOLERANCE * max(self._largest, momentum / (STOP * h)))
         try:
@@ -142,8 +147,14 @@ class Motion:
         inertia = np.linalg.norm(self.moving.node_mass * (velocity - self.velocity)) / h
         self._largest = max(self._largest, float(inertia), float(np.linalg.norm(state.reaction)))
         state, velocity = self._borne(last.fraction, state, velocity, h)
-        self.velocity = np.where(self.fixed, self.pull, velocity)
+        self.velocity = np.where(self.fixed, self.pull(last.fraction, fraction), velocity)
         return self._append(state)
+
+    def pull(self, start: float, end: float) -> Floats:
+        """(N, 3) [m/s] mean velocity of the held components between two fractions of the duration."""
+        if not self.balance.varied:
+            return self.balance.target / self.duration
+        return (self.balance.moved(end) - self.balance.moved(start)) / ((end - start) * self.duration)
 
     def _too_far(self, start: float, end: float, h: float) -> bool:
         """Whether obstacle and body could pass through each other in a step of h [s]."""
@@ -154,7 +165,7 @@ class Motion:
         return self.balance.stride(start, end) + float(np.linalg.norm(self.velocity, axis=1).max()) * h / safe > 1
 
     def _rests(self, u: Floats, fraction: float) -> bool:
-        still = not (u.any() or self.velocity.any() or self.sudden.any() or self.growing.any())
+        still = not (u.any() or self.velocity.any() or self.sudden.any() or self.growing.any() or self.tabled or self.balance.varied)
         return still and self.balance.rests(fraction)
 
     def _predict(self, fraction: float) -> Floats:
@@ -163,7 +174,7 @@ class Motion:
             u = self.states[0].u + fraction * self.duration * self.velocity
         else:
             u = extrapolate(self.states[-1 - self.order:], fraction)
-        return np.where(self.fixed, fraction * self.balance.target, u)
+        return np.where(self.fixed, self.balance.moved(fraction), u)
 
     def _borne(self, before: float, state: State, velocity: Floats, h: float) -> tuple[State, Floats]:
         """The state and its velocities (N, 3) [m/s] once the points that bear have been stopped (impact.py)."""

@@ -14,6 +14,7 @@ Steps of length h make a period T longer by (2 pi h / T)^2 / 12 of it (dynamics.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 from physics.scene import Scene
 
@@ -55,6 +56,12 @@ def fair_duration(scene: Scene, period: float) -> float:
     return period * legs(scene) / (math.pi * FAIR)
 
 
-def legs(scene: Scene) -> int:
-    """Straight parts of the obstacle's path; at least 1."""
-    return max(1, len(scene.obstacle.path) - 1) if scene.obstacle is not None else 1
+def legs(scene: Scene) -> float:
+    """How many of the shortest straight part, of the obstacle's path or of a table, the whole loading has room for; at least 1."""
+    tables = [load.steps for load in scene.load if load.steps] + [support.steps for support in scene.support if support.steps]
+    equal = 1
+    if scene.obstacle is not None and scene.obstacle.steps is not None:
+        tables.append(scene.obstacle.steps)
+    elif scene.obstacle is not None:
+        equal = max(1, len(scene.obstacle.path) - 1)
+    return max([equal, *(1 / min(b - a for a, b in pairwise(steps)) for steps in tables)])

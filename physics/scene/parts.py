@@ -96,13 +96,30 @@ class Body:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Orthotropic:
+    """Elastic constants of a material that is not the same along x, y and z, for modes at rest (body/material.py).
+
+    Young's moduli are along x, y and z; Poisson's ratios those of xy, yz and xz, nu_ij = - strain along j over strain along i under
+    a stress along i; shear moduli those of the planes xy, yz and xz.
+    """
+
+    young_moduli: Vector = quantity(unit="Pa", above=0, at_least=1e-9, at_most=1e18)
+    poisson_ratios: Vector = quantity(at_least=-100, at_most=100)
+    shear_moduli: Vector = quantity(unit="Pa", above=0, at_least=1e-9, at_most=1e18)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Material:
-    """A homogeneous isotropic material; the laws are written down in body/material.py."""
+    """A homogeneous material, isotropic unless `orthotropic`; the laws are written down in body/material.py.
+
+    An orthotropic one is given in place of young_modulus and poisson_ratio, which then are its first modulus and 0.
+    """
 
     law: str = quantity("neo-hookean", choice=("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"))
     young_modulus: float = quantity(unit="Pa", above=0, at_least=1e-9, at_most=1e18)
     poisson_ratio: float = quantity(above=-1, below=0.5)
     density: float = quantity(1000.0, unit="kg/m3", above=0, at_least=1e-12, at_most=1e12)
+    orthotropic: Orthotropic | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,31 +153,48 @@ class Support:
 
     `where` is a face of a shape, a physical group of a file, or several of them with blanks between: what they have in
     common, so "x-min z-min" is an edge; or a place by coordinates. In a plane body z is held everywhere.
+
+    With `angle` the place turns as a whole about an `axis` through `centre`, by default the mean of its nodes. With `steps`, fractions
+    0 .. 1, displacement and angle are at each of them the share `factor` of what is given (tables.py).
     """
 
     where: str | Where
     fixed: str = "xyz"
     displacement: Vector = quantity((0.0, 0.0, 0.0), unit="m", **FAR)
+    axis: Vector | None = None
+    angle: float | None = quantity(None, unit="degrees", at_least=-36_000, at_most=36_000)
+    centre: Vector | None = quantity(None, unit="m", **FAR)
+    steps: tuple[float, ...] | None = None
+    factor: tuple[float, ...] | None = quantity(None, **FAR)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """A dead load, reached linearly at the last step: a traction [Pa] on a face, outer or inner, or an acceleration [m/s2] of the body.
+    """A load, reached linearly at the last step: a traction [Pa] on a face, outer or inner, a pressure [Pa] on an outer face, or an
+    acceleration [m/s2] of the body.
 
-    With `sudden` it acts in full from the start, in dynamic scenes only.
+    A pressure pushes along the normal into the body. It is dead, as a traction is, or with `follower` stays normal to the face
+    that moves (body/pressure.py).
+    With `sudden` it acts in full from the start, in dynamic scenes only. With `steps`, fractions 0 .. 1, it is at
+    each of them the share `factor` of what is given (tables.py).
     """
 
     where: str | Where | None = None
     traction: Vector | None = quantity(None, unit="Pa", **STRONG)
     acceleration: Vector | None = quantity(None, unit="m/s2", **STRONG)
     sudden: bool = False
+    pressure: float | None = quantity(None, unit="Pa", **STRONG)
+    follower: bool | None = None
+    steps: tuple[float, ...] | None = None
+    factor: tuple[float, ...] | None = quantity(None, **FAR)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Obstacle:
     """A rigid body that touches without friction; what each shape is stands in contact/obstacles.py.
 
-    Its centre follows the way-points of `path`, reached at equal fractions of the steps, the first one at step 0.
+    Its centre follows the way-points of `path`, reached at equal fractions of the steps, or at those of `steps`, the first one at
+    step 0.
     """
 
     @staticmethod
@@ -168,7 +202,7 @@ class Obstacle:
         """The keys that the shape of a table takes."""
         shape = table.get("shape")
         own = NEEDS.get(shape if isinstance(shape, str) else "", ()) + ("radius",) * (shape == "box")
-        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule")), "path", "contact")
+        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule")), "path", "steps", "contact")
 
     shape: str = quantity(choice=tuple(NEEDS))
     radius: float | None = quantity(None, unit="m", at_least=0, at_most=1e9)  # a box's edges: 1/20 of its smallest side
@@ -177,6 +211,7 @@ class Obstacle:
     size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # box
     normal: Vector | None = None  # half-space, out of it
     path: tuple[Vector, ...] = quantity(unit="m", **FAR)
+    steps: tuple[float, ...] | None = None
     contact: str = quantity("facets", choice=("facets", "nodes"))
 
 

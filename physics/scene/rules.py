@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Obstacle, Where
+from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Material, Obstacle, Support, Where
+from physics.scene.tables import check_steps
 from physics.schema import InputError, nearest
 
 TAKES = NEEDS | {"box": ("size", "radius")}  # besides shape, axis, path and contact
@@ -31,6 +32,31 @@ def keys_of(body: Body) -> list[str]:
     plane = is_plane(body)
     takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
     return takes + ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
+
+
+def orthotropic(table: dict[str, Any]) -> dict[str, Any]:
+    """The table of a scene in which an orthotropic material has the keys that every material has."""
+    material = table.get("material")
+    if not (isinstance(material, dict) and isinstance(material.get("orthotropic"), dict)):
+        return table
+    moduli = material["orthotropic"].get("young_moduli")
+    first = {"young_modulus": moduli[0] if isinstance(moduli, list) and moduli else 1.0, "poisson_ratio": 0.0}
+    for key, value in first.items():
+        if material.get(key, value) != value:
+            raise InputError(f"material.{key}: an orthotropic material has its own; leave it out")
+    return table | {"material": material | first}
+
+
+def check_material(material: Material) -> None:
+    """Orthotropic constants belong to a body that resists every strain."""
+    given = material.orthotropic
+    if given is None:
+        return
+    (x, y, z), (xy, yz, xz) = given.young_moduli, given.poisson_ratios
+    yx, zy, zx = xy * y / x, yz * z / y, xz * z / x
+    if not (min(1 - xy * yx, 1 - yz * zy, 1 - xz * zx) > 0 and 1 - xy * yx - yz * zy - xz * zx - 2 * yx * zy * xz > 0):
+        raise InputError(f"material.orthotropic.poisson_ratios = {list(given.poisson_ratios)}: with these moduli some strain would give "
+                         "energy; nu_ij must be below the root of E_i / E_j, and all three together smaller still")
 
 
 def check_body(body: Body, given: dict[str, Any]) -> None:
@@ -83,6 +109,40 @@ def check_place(body: Body, where: str | Where | None, key: str) -> None:
             raise InputError(f"{key} = {word!r}: must be one of {', '.join(body.places)}{nearest(word, body.places)}")
 
 
+def check_support(support: Support, key: str) -> None:
+    """What a support holds, moves and turns."""
+    if not support.fixed or set(support.fixed) - set("xyz") or len(set(support.fixed)) != len(support.fixed):
+        raise InputError(f"{key}.fixed = {support.fixed!r}: must be some of the letters x, y and z, each once")
+    for axis, moved in zip("xyz", support.displacement, strict=True):
+        if moved and axis not in support.fixed:
+            raise InputError(f"{key}.displacement moves {axis}, which fixed = {support.fixed!r} leaves free")
+    if (support.angle is None) != (support.axis is None) or (support.centre is not None and support.angle is None):
+        raise InputError(f"{key}: a support that turns has an axis and an angle, and may have a centre")
+    if support.angle is not None and len(support.fixed) < 3:
+        raise InputError(f"{key}.angle: fixed = {support.fixed!r} leaves free what would turn; hold all of xyz")
+    _check_direction(support.axis, f"{key}.axis")
+    check_steps(support.steps, support.factor, key, "factor")
+
+
+def check_load(load: Load, key: str, *, dynamic: bool, linear: bool) -> None:
+    """What a load needs, and what goes with what."""
+    if [load.traction, load.pressure, load.acceleration].count(None) != 2:
+        raise InputError(f"{key}: give exactly one of traction, pressure and acceleration")
+    if (load.acceleration is not None) != (load.where is None):
+        raise InputError(f"{key}: a traction or a pressure needs a where, an acceleration takes none")
+    if load.sudden and not dynamic:
+        raise InputError(f"{key}.sudden: a load can only be sudden where [steps] dynamic = true")
+    check_steps(load.steps, load.factor, key, "factor")
+    if load.sudden and load.steps is not None:
+        raise InputError(f"{key}.sudden: a load with a table is not sudden; leave one of them out")
+    if load.follower and load.pressure is None:
+        raise InputError(f"{key}.follower: only a pressure follows its face")
+    if load.follower and dynamic:
+        raise InputError(f"{key}.follower: a pressure follows its face through equilibria only; leave it or dynamic = true out")
+    if load.follower and linear:
+        raise InputError(f"{key}.follower: the linear law knows no turned face; leave it out, or take a law of finite strain")
+
+
 def _check_where(where: Where, key: str) -> None:
     """A place by coordinates has exactly one of near, plane and box, and what that needs."""
     kinds = {"near": ("near", "within"), "plane": ("plane", "normal", "within"), "box": ("box",)}
@@ -102,6 +162,14 @@ def _check_where(where: Where, key: str) -> None:
         raise InputError(f"{key}.box: its first corner must have the smaller coordinates")
 
 
+def _check_direction(vector: tuple[float, float, float] | None, key: str) -> None:
+    """A direction that has one."""
+    if vector is not None and math.hypot(*vector) == 0:
+        raise InputError(f"{key} must not be the zero vector")
+    if vector is not None and not 1e-9 <= math.hypot(*vector) <= 1e9:
+        raise InputError(f"{key} = {list(vector)}: its length must be from 1e-9 to 1e9; what counts is its direction")
+
+
 def complete(obstacle: Obstacle) -> Obstacle:
     """An obstacle with all that its shape needs and nothing else. Raises `InputError`."""
     for key in ("radius", "length", "size", "normal"):
@@ -119,11 +187,8 @@ def complete(obstacle: Obstacle) -> Obstacle:
     elif obstacle.radius is not None and obstacle.radius < 1e-9:
         raise InputError(f"obstacle.radius = {obstacle.radius!r}: must be {'at least 1e-09' if obstacle.radius else 'above 0'} m")
     for key in ("axis", "normal"):
-        vector = getattr(obstacle, key)
-        if vector is not None and math.hypot(*vector) == 0:
-            raise InputError(f"obstacle.{key} must not be the zero vector")
-        if vector is not None and not 1e-9 <= math.hypot(*vector) <= 1e9:
-            raise InputError(f"obstacle.{key} = {list(vector)}: its length must be from 1e-9 to 1e9; what counts is its direction")
+        _check_direction(getattr(obstacle, key), f"obstacle.{key}")
     if not obstacle.path:
         raise InputError("obstacle.path must have at least one way-point")
+    check_steps(obstacle.steps, obstacle.path, "obstacle", "path")
     return obstacle

@@ -11,7 +11,18 @@ import tomli_w
 
 from physics.scene.change import change
 from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
-from physics.scene.rules import check_body, check_place, complete, keys_of, with_defaults
+from physics.scene.rules import (
+    check_body,
+    check_load,
+    check_material,
+    check_place,
+    check_support,
+    complete,
+    keys_of,
+    orthotropic,
+    with_defaults,
+)
+from physics.scene.tables import with_tables
 from physics.schema import InputError, nearest, parse_toml, read_table, read_toml, to_table
 
 
@@ -63,7 +74,7 @@ def _load(path: str | Path, read: Callable[[dict[str, Any]], Any], changes: Sequ
         body = table.get("body")
         if isinstance(body, dict) and isinstance(body.get("path"), str):
             body["path"] = str(Path(path).parent / body["path"])
-        return read(table)
+        return read(with_tables(table, Path(path).parent))
     except InputError as error:
         text = str(error)
         raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from None
@@ -85,26 +96,18 @@ def read_body(table: dict[str, Any]) -> Body:
 
 def read_scene(table: dict[str, Any]) -> Scene:
     """A scene from a table, with the rules that bind several keys. Raises `InputError`."""
-    given = table.get("body")
+    given, table = table.get("body"), orthotropic(table)
     scene = read_table(Scene, table | {"body": with_defaults(given)} if "body" in table else table)
     check_body(scene.body, given or {})
+    check_material(scene.material)
     places = [(f"support[{i}]", support.where) for i, support in enumerate(scene.support)]
     places += [(f"load[{i}]", load.where) for i, load in enumerate(scene.load) if load.where is not None]
     for name, where in places:
         check_place(scene.body, where, f"{name}.where")
     for i, support in enumerate(scene.support):
-        if not support.fixed or set(support.fixed) - set("xyz") or len(set(support.fixed)) != len(support.fixed):
-            raise InputError(f"support[{i}].fixed = {support.fixed!r}: must be some of the letters x, y and z, each once")
-        for axis, moved in zip("xyz", support.displacement, strict=True):
-            if moved and axis not in support.fixed:
-                raise InputError(f"support[{i}].displacement moves {axis}, which fixed = {support.fixed!r} leaves free")
+        check_support(support, f"support[{i}]")
     for i, load in enumerate(scene.load):
-        if (load.traction is None) == (load.acceleration is None):
-            raise InputError(f"load[{i}]: give exactly one of traction and acceleration")
-        if (load.traction is None) != (load.where is None):
-            raise InputError(f"load[{i}]: a traction needs a where, an acceleration takes none")
-        if load.sudden and not scene.steps.dynamic:
-            raise InputError(f"load[{i}].sudden: a load can only be sudden where [steps] dynamic = true")
+        check_load(load, f"load[{i}]", dynamic=scene.steps.dynamic, linear=scene.material.law == "linear")
     if scene.steps.dynamic and scene.steps.duration is None:
         raise InputError("steps.duration: missing; dynamic = true needs it")
     if scene.steps.velocity is not None and not scene.steps.dynamic:
