@@ -111,13 +111,16 @@ def test_where_the_predictor_is_unsure_finite_elements_answer_and_the_count_is_s
 
 
 def test_the_file_holds_what_was_found_and_says_where_it_comes_from(tmp_path):
-    found = sweep(PRESS, RUN, vary=VARY, count=6, nodes=[3, 1])
+    found = sweep(PRESS, RUN, vary=VARY, count=6, nodes=[403, 301])
+    whole = sweep(PRESS, RUN, vary=VARY, count=6)
+    assert np.array_equal(found.rows.displacement, whole.rows.displacement[:, :, [403, 301]]) and whole.rows.displacement[:, :, 403].any()
+    assert np.array_equal(found.rows.largest, whole.rows.largest)  # of the whole body
     write_sweep(tmp_path / "a.h5", found)
     write_sweep(tmp_path / "b.h5", found)
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
     with h5py.File(tmp_path / "a.h5") as file:
         assert file["displacement"].shape == (6, 1, 2, 3) and file["displacement"].dtype == np.float32
-        assert file["nodes"][:].tolist() == [3, 1] and file["frames"][:].tolist() == [20] and file["path"].shape == (6, 2, 3)
+        assert file["nodes"][:].tolist() == [403, 301] and file["frames"][:].tolist() == [20] and file["path"].shape == (6, 2, 3)
         assert [text.decode() for text in file["varied/obstacle.shape"]] == found.varied["obstacle.shape"].tolist()
         assert np.array_equal(file["varied/obstacle.place.along"], found.varied["obstacle.place.along"])
         assert file.attrs["seed"] == "0" and "uniform" in file.attrs["scene"] and len(file.attrs["weights"]) == 64

@@ -114,4 +114,4 @@ def predict_many(model: Slender, paths: Paths, frames: Floats) -> Frames:
     factor = model.scales.bar.item()
     bars = np.where(rest, 0.0, factor * bars if np.isfinite(factor) else np.inf)
     unsure = ~rest & ((unlike > 0) | (bars > model.config.unsure_above))
-    return Frames(nodes, bars, unsure, np.where(rest, 0.0, force))
+    return Frames(nodes, bars, unsure, force)
