@@ -129,9 +129,9 @@ class Newton:
         if abs(way).max() <= GAP_TOLERANCE * self.balance.size:
             return u + way
         short = 1e-4 * self.balance.size / abs(way).max()  # the force against a way so short is linear in it
-        force = self.balance.elasticity.force
         if self.tangent.stale:
             self._refactor(u)
+        force = self.balance.elasticity.force
         return u + way + self.tangent.solve((force(u) - force(u + short * way)) / short)
 
     def polished(self, fraction: float, state: State) -> State:
@@ -144,8 +144,7 @@ class Newton:
     def correction(self, fraction: float, u: Floats) -> Floats:
         """One Newton step (N, 3), contact included, from any displacements (N, 3) at a fraction of the loading.
 
-        Raises:
-            NoEquilibrium: the stiffness there cannot be factored, or offers contact no resistance
+        Raises `NoEquilibrium` when the stiffness there cannot be factored, or offers contact no resistance.
         """
         contact = self.balance.contact
         self._refactor(u)
@@ -157,38 +156,32 @@ class Newton:
         self.tangent.stale = True
 
     def turned(self, u: Floats, at: Floats) -> bool:
-        """Whether the factor of displacements (N, 3) no longer serves at others (N, 3), for some node has moved by TURNED of the extent h.
-
-        Where the end of a slender body has moved by d across it, a step along its soft directions is off by a share of the order of
-        10 (d/h)^2, because the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3).
-        """
+        """Whether the factor made at one place (N, 3) no longer serves at another, as some node moved by TURNED of the extent h: where
+        the end of a slender body has moved by d across it, a step along its soft directions is off by about 10 (d/h)^2 of itself,
+        because the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3)."""
         return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(np.ptp(self.balance.mesh.points, axis=0).min())
 
     def improve(self, fraction: float, start: Floats, last: State, *, guess: Floats, share: float) -> State:
         """Newton steps from a start (N, 3) until one is at most a share of the way from a guess (N, 3), or to the tolerance.
 
         The factor is that of a last state, not of a guess, whose noise stiffens and softens cells at random. No residual is found.
-
-        Raises:
-            NoEquilibrium: the steps grow or are too slow, or the state is unstable; or the stiffness allows none
+        Raises `NoEquilibrium` when the steps grow or are too slow, the state is unstable, or the stiffness allows none.
         """
-        balance, outer = self.balance, fraction * self.balance.load
         if self.tangent.stale or self.turned(last.u, self.tangent.factored_at):
             self._refactor(last.u)
             self._check_stable(self._touch(last.fraction, last.u, last.pressure), look=True)
-        u, pressure, before = start, last.pressure, np.inf
+        u, pressure, size, outer = start, last.pressure, np.inf, fraction * self.balance.load
         self._mixing.begin()
         for iteration in range(1, ITERATIONS // 2 + 1):
             touch = self._touch(fraction, u, pressure)
-            force = balance.elasticity.force(u) - outer
+            force = self.balance.elasticity.force(u) - outer
             if iteration > 1 and self._error(self._judge(fraction, u, force, touch, pressure, iteration)) <= 1:
                 break
             step = self._step(force, touch)
             moved, pressure = self._mixing.next(u, step, last.pressure if touch is None else self._on_surface(touch, last.pressure))
-            size, u = float(np.linalg.norm(moved - u)), moved
+            before, size, u = size, float(np.linalg.norm(moved - u)), moved
             if not size <= 2 * before:
                 raise NoEquilibrium("Newton's steps grow")
-            before = size
             if size <= share * np.linalg.norm(u - guess):
                 break
         else:
