@@ -78,8 +78,7 @@ def test_where_there_is_no_equilibrium_the_guess_stays_or_it_is_said():
     scene = beam(load=[{"where": "x-max", "traction": [0.0, 0.0, 10.0]}])
     corrector = Corrector(scene, build_mesh(scene.body))
     guess = np.where(corrector.balance.fixed, 0.0, 1e-4)
-    corrector.newton.equilibrium = nowhere
-    corrector.newton.improve = nowhere
+    corrector.newton.equilibrium = corrector.newton.improve = corrector.newton.polished = nowhere
     assert (corrector(guess, 1.0) == guess).all()
     with pytest.raises(NoEquilibrium):
         corrector(np.where(corrector.balance.fixed, 0.0, np.nan), 1.0)

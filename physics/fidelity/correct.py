@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from physics.equilibrium.balance import Balance
 from physics.equilibrium.newton import Newton
+from physics.equilibrium.snap import Relaxation
 from physics.equilibrium.state import HALVINGS, NoEquilibrium, State
 from physics.fidelity.starts import Starts
 from physics.mesh.mesh import Mesh
@@ -115,12 +116,13 @@ class Corrector:
         raise failed
 
     def _reached(self, fraction: float, last: State, depth: int = 0) -> State:
-        """As the solver would go on from the last state, in as many halves as it takes. Raises `NoEquilibrium`."""
+        """As the solver goes on from the last state: in as many halves as it takes, and from where that ends to where the body comes to
+        rest. Raises `NoEquilibrium`."""
         if self.balance.stride(last.fraction, fraction) <= 1:
             try:
                 return self.newton.equilibrium(fraction, self.newton.led(last.u, fraction * self.balance.target), last)
             except NoEquilibrium:
                 if depth >= HALVINGS:
-                    raise
+                    return Relaxation(self.balance).settle(fraction, last, self.newton)[0]
                 self.newton.outdate()
         return self._reached(fraction, self._reached((last.fraction + fraction) / 2, last, depth + 1), depth + 1)
