@@ -7,6 +7,7 @@ Exit status: 0 done, 1 the work failed (with what was saved and where), 2 the in
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import math
 import os
@@ -15,9 +16,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 from datagen.files.prediction import finite
 from datagen.scene_verbs import add_scene_verbs
 from datagen.verbs import VERBS, add_data_verbs
+from datagen.ways import EXAMPLES, Completion, Version
 from learning.verbs import add_learning_verbs
 from physics.schema import InputError, WorkError
 
@@ -45,7 +49,7 @@ def generate(options: Options) -> dict[str, Any]:
     if options.out is None:
         raise InputError("--out: give the folder, or --dry-run to see what would be made")
     result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers,
-                 cluster=options.cluster, time_limit=options.time_limit)
+                 cluster=options.cluster, tls=options.tls, time_limit=options.time_limit)
     _say(options, ", ".join(f"{key} {value}" for key, value in result.items()) + f": {options.out}")
     return result
 
@@ -66,28 +70,42 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 
 def verify(options: Options) -> dict[str, Any]:
-    """Any prediction in the trajectory format, held against its reference and against the equations."""
-    from datagen.files.prediction import verify_files
+    """Any prediction in the trajectory format, or a folder of them, held against its reference and against the equations."""
+    from datagen.files.places import remarks_on_file
+    from datagen.files.prediction import lines, verify_files
+    from datagen.files.trajectory import read_trajectory
 
     result = verify_files(options.prediction, options.reference, _writable(options.out))
-    for name, value in result.items():
-        _say(options, f"{name:20s} {value:.6g}")
+    for line in lines(result):
+        _say(options, line)
+    for remark in remarks_on_file(read_trajectory(options.reference).extra) if Path(options.reference).is_file() else ():
+        _say(options, f"remark: {remark}")
     return result
 
 
 def view(options: Options) -> dict[str, Any]:
-    """A film of a trajectory, or a page in which it is turned by hand."""
+    """A film of a trajectory (.gif), one frame of it (.png), or a page in which it is turned by hand (.html)."""
     from datagen.files.trajectory import read_sound
     from datagen.scene_verbs import write_path
-    from physics.view import Obstacle, film
+    from physics.view import ObstacleSurface, film, still_picture
 
+    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif", ".png", ".html")
+    if options.frame is not None and out.suffix != ".png":
+        raise InputError(f"--frame {options.frame}: is for a picture, --out NAME.png")
     trajectory = read_sound(options.trajectory, complete=False)
-    out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif", ".html")
     if out.suffix == ".html":
         write_path(out, Path(options.trajectory).name, trajectory)
         _say(options, f"page: {out}")
         return {"html": str(out)}
-    surface = None if trajectory.obstacle is None else Obstacle(*trajectory.obstacle)
+    surface = None if trajectory.obstacle is None else ObstacleSurface(*trajectory.obstacle)
+    if out.suffix == ".png":
+        last = len(trajectory.displacement) - 1
+        frame = last if options.frame is None else options.frame
+        if frame > last:
+            raise InputError(f"--frame {frame}: the last one is {last}")
+        still_picture(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], frame, obstacle=surface)
+        _say(options, f"frame {frame} of {last}: {out}")
+        return {"frame": frame, "out": str(out)}
     frames = film(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], obstacle=surface)
     _say(options, f"{frames} pictures: {out}")
     return {"pictures": frames, "out": str(out)}
@@ -106,7 +124,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if PROCESSES > 1 and options.verb not in (("train",) if TOGETHER else ("modes", "simulate")):
             raise InputError(f"{options.verb} runs as one process; several share modes and simulate (mpirun) and train (torchrun)")
-        result = options.verb_function(options)
+        with np.errstate(all="ignore"):  # what overflows is found in the results, and said there in words
+            result = options.verb_function(options)
         if options.json and RANK == 0:
             print(json.dumps(finite(result)))
         return 0
@@ -119,14 +138,14 @@ def main(arguments: list[str] | None = None) -> int:
     except MemoryError:
         return _fail("out of memory; finished files are kept", 1)
     except OSError as error:
-        return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 1)
+        return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 2 if error.errno == errno.ENAMETOOLONG else 1)
     except KeyboardInterrupt:
         return _fail("stopped; finished files are kept", 130)
 
 
 def _fail(message: str, status: int) -> int:
     if RANK == 0:
-        print("fidelity: " + " ".join(message.split("\n")), file=sys.stderr)
+        print("fidelity: " + "".join(letter if letter.isprintable() else " " for letter in message), file=sys.stderr)
     return status
 
 
@@ -166,7 +185,14 @@ def _writable(path: str | Path | None, *suffixes: str, option: str = "--out") ->
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
+    """Says what is wrong in one line; `more` is asked for the end of its help."""
+
+    more: Callable[[], str] | None = None
+
+    def format_help(self) -> str:
+        verb = self.prog.removeprefix("fidelity ")
+        example = f"\nexample:\n  fidelity {verb} {EXAMPLES[verb]}\n" if verb in EXAMPLES else ""
+        return super().format_help() + (f"\n{self.more()}\n" if self.more else "") + example
 
     def error(self, message: str) -> NoReturn:
         raise SystemExit(_fail(message.replace(" (choose from", "; choose from").rstrip(")"), 2))
@@ -174,6 +200,8 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="fidelity", description="Physics fidelity of learned mesh simulators, held against finite elements.")
+    parser.add_argument("--version", action=Version, nargs=0, help="the version and the commit")
+    parser.add_argument("--completion", action=Completion, nargs=0, help="what bash or zsh needs: source <(fidelity --completion)")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
 
     def verb(name: str, function: Callable[[Options], dict[str, Any]], *positional: str, into: Any = verbs,
@@ -190,13 +218,13 @@ def _parser() -> argparse.ArgumentParser:
     added = verb("generate", generate, "family")
     add = added.add_argument
     add("--out", help="folder")
-    number = added.add_mutually_exclusive_group().add_argument
-    number("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
-    number("--all", action="store_true", help="the family's own number, as without --count")
+    add("--count", type=_positive, help="trajectories of all splits together (the family's own number)")
     add("--split", help="only train, valid or test")
     add("--seed", type=_seed, default=0)
     add("--workers", type=_positive, help="processes (one for each core)")
-    add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead")
+    add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead; tcp:// is for a trusted "
+                                                            "network, tls:// for any")
+    add("--tls", nargs=3, default=(), metavar=("CA", "CERT", "KEY"), help="for tls://, files of the authority's certificate, ours, its key")
     add("--time-limit", type=float, default=math.inf, metavar="S", help="seconds for one scene, then another is drawn (none)")
     add("--dry-run", action="store_true", help="only draw the scenes: what the set will be like")
     data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
@@ -204,9 +232,11 @@ def _parser() -> argparse.ArgumentParser:
     add_learning_verbs(lambda name, function, *positional: verb(name, of_networks(function), *positional, about=function.__doc__),
                        _positive, _count)
     add = verb("verify", verify, "prediction").add_argument
-    add("--reference", required=True, help="trajectory of finite elements, with its scene in it")
+    add("--reference", required=True, help="trajectory of finite elements, with its scene in it; or a folder of them")
     add("--out", help="folder for the figures and a picture of the worst frame")
-    verb("view", view, "trajectory").add_argument("--out", help="film, .gif, or page, .html")
+    add = verb("view", view, "trajectory").add_argument
+    add("--out", help="film, .gif, one frame, .png, or page, .html")
+    add("--frame", type=_count, help="of the picture, the rest state being 0 (the last)")
     verb("demo", demo).add_argument("--out", default="demo", help="folder of everything it makes (demo)")
     return parser
 

@@ -51,7 +51,7 @@ def main():
             job = generate.Job(family, folder, dataset.file_name("train", index), 0, index)
             scene = draw(family, 0, index)
             release()
-            seconds, solution = cost(solve, scene)
+            seconds, solution = cost(lambda of: solve(of, partial=True), scene)
             both, (_, reasons) = cost(generate._make, job)
             if solution.failure or reasons:
                 continue

@@ -16,8 +16,8 @@ from benchmarks import footing
 from datagen.sets.generate import trajectory_of
 from learning.prediction.checkpoint import load_model
 from learning.prediction.predictor import Case, LeftOut
-from learning.prediction.rivals import REFERENCE, elements, reduced
-from learning.prediction.surrogates import corrected, learned
+from learning.prediction.rivals import REFERENCE, elements
+from learning.prediction.surrogates import corrected, estimated, learned
 from learning.report.evaluate import warm_up
 from learning.report.pareto import COLOURS, MARKERS
 from physics.fem import release
@@ -38,11 +38,11 @@ def measure(run: str | None, steps: int) -> list[dict]:
     model = load_model(run) if run else None
     networks = [learned(model, single_steps=False), corrected(model, 1)] if model else []
     predictors = [*networks, elements("FE, cells halved", halvings=1),
-                  elements("FE, a tenth of the steps", fewer=10), reduced("reduced-order model"), elements(REFERENCE)]
+                  elements("FE, a tenth of the steps", fewer=10), estimated("reduced-order model"), elements(REFERENCE)]
     rows = []
     for cells in CELLS:
         case = press(cells, steps)
-        warm_up(case.scene)
+        warm_up(case)
         for predictor in predictors:
             try:
                 seconds, found = footing.cost(predictor.predict, case)

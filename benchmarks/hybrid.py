@@ -50,10 +50,6 @@ def predictions(case: Case, fixed: np.ndarray) -> Iterator[tuple[str, Floats]]:
     name, scene, mesh, truth = case
     yield "smooth error", truth + smooth(mesh, len(truth), fixed, sum(name.encode()))
     yield f"{LATE} frames late", truth[np.maximum(np.arange(len(truth)) - LATE, 0)]
-    try:
-        yield "reduced-order model", Reduced(scene, mesh).path(len(truth) - 1)
-    except (LeftOut, RuntimeError) as error:
-        footing.say(f"{name}: no reduced-order model: {error}")
 
 
 def cases(folder: str) -> Iterator[Case]:

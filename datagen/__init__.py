@@ -4,6 +4,7 @@
     family/   what scenes are drawn
     sets/     a folder of trajectories: planned, made, checked, described, packed, exchanged
     scene_verbs, verbs   the command line's share: of scenes, and of folders of trajectories
+    ways      its version, examples and completion
 
 Imports physics, and nothing of learning. What a user calls is importable from here:
 `from datagen import load_family, generate, read_trajectory`.
@@ -13,10 +14,11 @@ from importlib import import_module
 from typing import Any
 
 _PUBLIC = {
-    "Family": "family.family", "Trajectory": "files.trajectory", "as_solved": "files.trajectory", "check": "sets.check",
+    "Family": "family.family", "Trajectory": "files.trajectory", "as_solved": "files.solved", "check": "sets.check",
     "counts": "family.family", "draw": "family.family", "export_records": "sets.deepmind", "generate": "sets.generate",
-    "import_records": "sets.deepmind", "load_family": "family.family", "pack": "sets.pack", "read_manifest": "sets.dataset",
-    "read_trajectory": "files.trajectory", "statistics": "sets.statistics", "trajectory_of": "sets.generate", "unpack": "sets.pack",
+    "import_records": "sets.deepmind", "inputs_of": "files.inputs", "load_family": "family.family", "pack": "sets.pack",
+    "predicted": "files.inputs", "read_manifest": "sets.dataset", "read_trajectory": "files.trajectory",
+    "statistics": "sets.statistics", "trajectory_of": "sets.generate", "unpack": "sets.pack",
     "verify_files": "files.prediction", "write_trajectory": "files.trajectory",
 }
 __all__ = sorted(_PUBLIC)

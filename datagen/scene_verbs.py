@@ -29,10 +29,18 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
     add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
     add("--picture", metavar="FOLDER", help="a picture and a film of each mode")
+    add("--no-films", action="store_true", help="pictures alone, in a twentieth of the time")
     add("--html", metavar="FILE", help="a page in which the modes are turned by hand, .html")
+    _set(add)
     add = verb("simulate", simulate, "scene").add_argument
     add("--out", required=True, help="trajectory, .vtkhdf")
+    add("--csv", help="a table with a row for each frame: obstacle, reaction, energy, penetration, .csv")
     add("--html", metavar="FILE", help="a page in which the path is turned and followed by hand, .html")
+    _set(add)
+
+
+def _set(add: Callable[..., Any]) -> None:
+    add("--set", nargs="+", action="extend", default=[], metavar="KEY=VALUE", help="values of the scene changed: obstacle.radius=0.012")
 
 
 def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
@@ -57,7 +65,7 @@ def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, proc
     if rank == 0 and picture is not None:
         from physics.view import mode_pictures
 
-        result["pictures"] = mode_pictures(picture, found.mesh, found.shapes, names=names)
+        result["pictures"] = mode_pictures(picture, found.mesh, found.shapes, names=names, films=not options.no_films, say=say)
         say(f"{len(result['pictures'])} pictures: {picture}")
     if rank == 0 and html is not None:
         from physics.view import mode_exhibit, write_page
@@ -78,13 +86,15 @@ def _elastic(options: Options, spread: bool) -> Any:
         raise InputError("--dirichlet is for --kind laplacian; elastic modes take the supports of the scene")
     if Path(options.scene).suffix.lower() != ".toml":
         raise InputError(f"{options.scene}: elastic modes need a scene (.toml) with a material; its [body] may name a mesh file")
-    return elastic_modes(load_scene(options.scene), count=options.count, spread=spread)
+    return elastic_modes(load_scene(options.scene, options.set), count=options.count, spread=spread)
 
 
 def _laplacian(options: Options, spread: bool) -> Any:
     from physics.modes.laplacian import laplacian_modes
     from physics.scene import load_body
 
+    if options.set:
+        raise InputError("--set is for elastic modes and simulate; a shape alone has nothing to change but its mesh")
     names = options.dirichlet
     chosen = None if names is None else [name.strip() for name in names.split(",") if name.strip() not in ("", "none")]
     return laplacian_modes(load_body(options.scene), count=options.count, dirichlet=chosen, spread=spread)
@@ -93,13 +103,21 @@ def _laplacian(options: Options, spread: bool) -> Any:
 def _write_modes(out: Path, options: Options, found: Any) -> None:
     """The shapes as .vtu, or as a trajectory file of the rest state alone."""
     if out.suffix == ".vtkhdf":
+        from datagen.files.places import mesh_file, places_of
         from datagen.files.trajectory import at_rest, write_trajectory
+        from physics.scene import load_scene
 
         elastic = options.kind == "elastic"
         shapes = found.pictured if elastic else found.pictured[:, :, None] * [0.0, 0.0, 1.0]
-        text = Path(options.scene).read_text() if Path(options.scene).suffix.lower() == ".toml" else ""
-        write_trajectory(out, at_rest(found.mesh, shapes, scene=text, frequencies_hz=found.frequencies_hz if elastic else (),
-                                      extra={} if elastic else {"laplacian_eigenvalues": found.eigenvalues.tolist()}))
+        about: dict[str, Any]
+        if not elastic:
+            about = {"extra": {"laplacian_eigenvalues": found.eigenvalues.tolist()}}
+        else:
+            scene = load_scene(options.scene, options.set)
+            about = {"scene": scene.to_toml(), "frequencies_hz": found.frequencies_hz}
+            if scene.body.shape == "file":
+                about |= {"places": places_of(found.mesh), "extra": {"mesh_file": mesh_file(scene)}}
+        write_trajectory(out, at_rest(found.mesh, shapes, **about))
     else:
         from physics.mesh.files import write_mesh
 
@@ -108,15 +126,17 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
 
 def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
     """The path of a scene, through equilibria or through time, by finite elements."""
+    from datagen.files.inputs import write_table
     from datagen.files.trajectory import unfinished, write_trajectory
     from datagen.sets.generate import trajectory_of
     from physics.scene import load_scene
     from physics.solution import solve
 
-    scene = load_scene(options.scene)
+    scene = load_scene(options.scene, options.set)
     if scene.body.order != 1 or scene.body.shape == "channel":
         raise InputError(f"{options.scene}: simulate takes solid bodies of first order; modes take others too")
-    out, html = writable(options.out, ".vtkhdf"), writable(options.html, ".html", option="--html")
+    out, table = writable(options.out, ".vtkhdf"), writable(options.csv, ".csv", option="--csv")
+    html = writable(options.html, ".html", option="--html")
     if out.exists() and unfinished(out) not in (None, scene.to_toml()):
         raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
 
@@ -125,10 +145,12 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
         raise InputError(f"--out {out}: {part.name} is of an unfinished run, which one process goes on with; delete it to start anew")
     with tqdm(total=scene.steps.count, disable=True if rank else None, desc="simulate", unit="step") as bar:
         solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part if processes == 1 else None,
-                         spread=processes > 1)
+                         spread=processes > 1, partial=True)
     trajectory = trajectory_of(scene, solution=solution)
     if rank == 0:
         write_trajectory(out, trajectory)
+        if table is not None:
+            write_table(table, trajectory)
         if html is not None:
             write_path(html, f"The path of {Path(options.scene).name}", trajectory)
     steps = len(solution.displacement) - 1
@@ -144,12 +166,15 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
               "largest_relative_residual": float(solution.relative_residual.max()),
               "largest_penetration": float(solution.penetration.max()),
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
+              **({"obstacle": trajectory.per_frame["obstacle"][1:].tolist()} if "obstacle" in trajectory.per_frame else {}),
               "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
-              "resumed_after_step": solution.resumed}
+              "resumed_after_step": solution.resumed, "remarks": list(solution.mesh.remarks)}
     say(f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
         f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
     for what, why in result["model"].items():
         say(f"  {what}: {why}")
+    for text in result["remarks"]:
+        say(text)
     if html is not None:
         result["html"] = str(html)
         say(f"page: {html}")
@@ -158,16 +183,17 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
 
 def write_path(html: Path, title: str, trajectory: Any) -> None:
     """The page of a trajectory: its path to be turned and followed by hand, with stress where it has a scene. Raises `InputError`."""
-    from datagen.files.trajectory import as_solved
+    from datagen.files.solved import as_solved
     from physics.scene import Scene
-    from physics.view import Obstacle, path_exhibit, write_page
+    from physics.view import ObstacleSurface, path_exhibit, write_page
 
     path, obstacle, facts = trajectory.displacement[:, trajectory.body], trajectory.obstacle, trajectory.extra.get("model", {})
     steps, material = len(path) - 1, None
     if trajectory.scene:
         scene = Scene.from_toml(trajectory.scene)
         steps, material = scene.steps.count, as_solved(scene, trajectory, len(path) - 1).material
-    shown = path_exhibit(html.stem, trajectory.mesh, {"path": path}, material, obstacle=obstacle and Obstacle(*obstacle), steps=steps,
+    shown = path_exhibit(html.stem, trajectory.mesh, {"path": path}, material,
+                         obstacle=obstacle and ObstacleSurface(*obstacle), steps=steps,
                          step_seconds=trajectory.extra.get("step_seconds"))
     write_page(html, title, [shown], {
         "mesh": f"{len(trajectory.mesh.points)} nodes, {len(trajectory.mesh.cells)} cells of the kind {trajectory.mesh.cell}",

@@ -46,7 +46,7 @@ def check(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """Every file of a data set: layout, checksums, physics."""
     from datagen.sets.check import check as run
 
-    problems = run(options.folder, steps=options.steps)
+    problems = run(options.folder, steps=options.steps, remark=lambda text: say(f"remark: {text}"))
     for problem in problems:
         say(problem)
     if problems:

@@ -5,8 +5,9 @@ A room imports what stands above it in this list, never below:
     segments/     how a mesh is cut, and how good the cut is
     graphs/       what a network sees of a frame
     networks/     what predicts
-    config        what a training is asked for
+    config, keys  what a training is asked for, and how that is told
     samples/      a frame of a trajectory as input and target, noise and scales included
+    slender/      beams: theory, and a network for what it leaves over, all poses of a path at once
     prediction/   a whole path from a predictor: a trained network, a hybrid, finite elements, or what knows nothing
     training/     how weights are found, stopped and gone on with
     report/       what is measured and said of it
@@ -22,7 +23,7 @@ from typing import Any
 _PUBLIC = {
     "M4GN": "networks.m4gn", "Model": "prediction.checkpoint", "TrainConfig": "config", "compare": "report.compare",
     "evaluate": "report.evaluate", "load_config": "config", "load_model": "prediction.checkpoint", "rollout": "prediction.rollout",
-    "segment": "segments.cut", "segment_quality": "segments.quality", "train": "training.train",
+    "segment": "segments.cut", "segment_quality": "segments.quality", "train": "training.kinds",
 }
 __all__ = sorted(_PUBLIC)
 

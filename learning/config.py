@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from learning.networks.m4gn import M4GNConfig
+from learning.networks.sections import SectionsConfig
 from learning.segments.features import METHODS, MODES
 from physics.schema import InputError, quantity, read_table, read_toml
 
@@ -20,17 +21,26 @@ SCHEMES = ("step", "pose")
 class TrainConfig:
     """Segments, graph, noise and schedule of one training.
 
-    scheme, history, estimate: what is predicted from what, see data.py
+    scheme: step: the way from one frame to the next; pose: where the body is, straight from the obstacle's pose
+    history: 1 to show the last velocity too
+    estimate: correct an estimate of the reduced-order model rather than predict from nothing
     frames: that are learned from in each trajectory, evenly spaced; all by default
-    segments: K, see segments.py; "auto" picks it for each body, see segment_quality.py
-    method, tau, modes, mode_count: see segments.py and features.py; at least mode_count modes are taken
-    overlap: 1 to let a node also belong to the segments of its mesh neighbours, see m4gn.py
-    contact_radius: r_W, the largest distance of a contact edge
+    segments: how many; "auto" picks the number for each body by its silhouette
+    method: how segments are cut
+    tau: weight of place against obstacle and modes in the cut
+    modes: which modes the cut looks at
+    mode_count: how many of them at least
+    overlap: 1 to let a node also belong to the segments of its mesh neighbours
+    contact_radius: the largest distance of a contact edge
     noise: standard deviation of the disturbance of each component of a free node's position
+    batch_size: frames in a training step
+    steps: training ends here, or at budget_seconds
+    budget_seconds: of training, reading the data not counted; train --seconds sets it
     learning_rate: kept for the first half, then falling exponentially to final_learning_rate
+    final_learning_rate: at the end
     clip_norm: largest norm of the gradient of all weights together
-    steps, budget_seconds: training ends at whichever is reached first; reading the data is not counted
     validate_every: steps between checkpoints, each with a rollout of every validation trajectory
+    seed: of weights, draws and noise
     """
 
     scheme: str = quantity("step", choice=SCHEMES)
@@ -62,10 +72,41 @@ class TrainConfig:
                              "tells the velocity")
 
 
-def load_config(path: str | Path) -> TrainConfig:
-    """A config from a TOML file. Raises `InputError` in one line when anything about it is wrong."""
+@dataclass(frozen=True, kw_only=True)
+class SlenderConfig:
+    """What a training of a predictor of beams is asked to do (slender/), `[network] kind = "sections"`.
+
+    frames: that are learned from in each trajectory, evenly spaced from the first touch on
+    poses: at which a path is predicted; splines lead from one to the next
+    batch_size: poses
+    learning_rate: of AdamW, falling to zero by a cosine
+    steps, budget_seconds: training ends at whichever is reached first, and so does the cosine; reading the data is not counted
+    validate_every: steps between checkpoints
+    coverage: share of validation frames that the error bar shall cover
+    unsure_above: a frame is unsure when its error bar is longer
+    """
+
+    frames: int = quantity(50, at_least=2)
+    poses: int = quantity(32, at_least=4, at_most=1000)
+    network: SectionsConfig = field(default_factory=SectionsConfig)
+    batch_size: int = quantity(96, at_least=1, at_most=100_000)
+    steps: int = quantity(1_000_000, at_least=1)
+    budget_seconds: float | None = quantity(None, unit="s", above=0)
+    learning_rate: float = quantity(2e-3, above=0)
+    weight_decay: float = quantity(1e-2, at_least=0)
+    clip_norm: float = quantity(1.0, above=0)
+    validate_every: int = quantity(1000, at_least=1)
+    coverage: float = quantity(0.9, above=0, below=1)
+    unsure_above: float = quantity(3e-4, unit="m", above=0)
+    seed: int = quantity(0, at_least=0)
+
+
+def load_config(path: str | Path) -> TrainConfig | SlenderConfig:
+    """A config from a TOML file, of the kind that its network is. Raises `InputError` in one line when anything about it is wrong."""
     table = read_toml(path)
+    network = table.get("network")
+    of_sections = isinstance(network, dict) and "kind" in network
     try:
-        return read_table(TrainConfig, table)
+        return read_table(SlenderConfig, table) if of_sections else read_table(TrainConfig, table)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

@@ -18,7 +18,7 @@ from datagen.family.family import counts, draw, load_family
 from datagen.files.trajectory import read_trajectory
 from datagen.sets.dataset import files, read_manifest
 from datagen.sets.generate import generate
-from learning.config import load_config
+from learning.config import TrainConfig, load_config
 from learning.report.evaluate import evaluate
 from learning.samples.samples import segments_of
 from learning.segments.quality import segment_quality
@@ -52,6 +52,7 @@ def run(out: Path, *, say: Callable[[str], None], training_steps: int | None = N
     say(f"   {len(manifest.trajectories)} trajectories of {nodes:.0f} nodes on average, {1e3 * seconds / steps:.1f} ms a step: {data}")
 
     config = load_config(CONFIG)
+    assert isinstance(config, TrainConfig)
     if training_steps is not None:
         config = replace(config, steps=training_steps)
     say(f"\n3  Segments: METIS, then refined by the first elastic mode and the distance to the obstacle ({config.method})")

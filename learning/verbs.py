@@ -7,7 +7,9 @@ before any work; what it returns is printed as JSON when that is asked for.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,15 @@ Writable = Callable[..., Any]
 
 def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int], count: Callable[[str], int]) -> None:
     """Declare the verbs to a parser: `verb(name, function, *positional)` adds one."""
+    def seconds(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0 < value < math.inf:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
+        return value
+
     def segments(text: str) -> int | str:
         return text if text == "auto" else positive(text)
 
@@ -30,11 +41,14 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add("--modes", default="elastic", help="elastic, or laplacian for fluids (elastic)")
     add("--mode-count", type=positive, default=1, metavar="M", help="how many modes (1)")
     add("--picture", help="segments on the body at rest, .png")
-    add = verb("train", train, "config").add_argument
+    added = verb("train", train, "config")
+    added.more = _keys  # type: ignore[attr-defined]  # of the help, which alone needs torch for it
+    add = added.add_argument
     add("--data", required=True, help="folder of a data set")
     add("--out", required=True, help="folder of the run")
     add("--steps", type=positive, help="stop after this training step")
-    add("--resume", action="store_true", help="go on from the run's last checkpoint")
+    add("--seconds", type=seconds, metavar="S", help="of training, in place of the config's budget_seconds")
+    add("--resume", action="store_true", help="go on from the run's last checkpoint, or begin where there is none")
     add = verb("rollout", rollout, "run", "trajectory").add_argument
     add("--out", required=True, help="trajectory, .vtkhdf")
     add("--correct", type=positive, metavar="K", help="follow each predicted frame by K Newton steps, more where they fall short of K orders of magnitude, and go on from there")
@@ -44,6 +58,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add("--correct", type=positive, default=1, metavar="K", help="Newton steps after each frame of the corrected rollout (1)")
     add("--refined", type=count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
     add("--out", help="folder of the report (RUN/report)")
+    _own(add)
     add = verb("pareto", pareto, "what").add_argument
     add("--run", nargs="+", action="extend", default=[], help="folders of trainings (none: the classical methods alone)")
     add("--count", type=positive, default=5, help="trajectories of a data set, evenly spaced (5)")
@@ -51,6 +66,17 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add("--refined", type=count, help="scenes that are solved on finer cells as well (all)")
     add("--repeats", type=positive, default=3, help="of each timing; medians are shown (3)")
     add("--out", default="pareto", help="folder of the report (pareto)")
+    _own(add)
+    add("--only", default="", metavar="KIND,KIND", help="of our own only these: learned, hybrid, trivial, fe, reduced (all); the "
+                                                        "reference comes along")
+
+
+def _own(add: Callable[..., Any]) -> None:
+    """Declare what users bring along."""
+    add("--prediction", nargs="+", action="append", default=[], metavar=("FOLDER", "NAME MS"),
+        help="predictions of another program, files named as their truths; on request a name and milliseconds a step")
+    add("--predictor", nargs="+", action="append", default=[], metavar=("MODULE:FUNCTION", "NAME"),
+        help="a function that takes the inputs of a scene and gives displacements (T, N, 3) [m] of the body; timed as the rest are")
 
 
 def segment(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
@@ -65,16 +91,25 @@ def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """A network, trained on a data set."""
     from datagen.sets.dataset import files
     from learning.config import load_config
-    from learning.training.train import train as run
+    from learning.training.kinds import train as run
 
     config = load_config(options.config)
+    if options.seconds is not None:
+        config = replace(config, budget_seconds=options.seconds)
     out = writable(options.out)
     valid = files(options.data, "valid") if Path(options.data, "valid").is_dir() else []
     result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume)
     error = result["best_error"]
     say(f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
-        + (f", validation error {1e3 * error:.3f} mm" if error is not None else "") + f": {out}")
+        + (f", best validation error {1e3 * error:.3f} mm (RMSE of whole rollouts over {len(valid)} validation "
+           f"trajector{'y' if len(valid) == 1 else 'ies'}, free nodes)" if error is not None else "") + f": {out}")
     return result
+
+
+def _keys() -> str:
+    from learning.keys import help_text
+
+    return help_text()
 
 
 def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
@@ -110,7 +145,7 @@ def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any
 
     out = writable(options.out or Path(options.run) / "report")
     return run(options.run, files(options.data, options.split), out, correct=options.correct, refined=options.refined,
-               say=say)
+               predictions=options.prediction, functions=options.predictor, say=say)
 
 
 def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
@@ -119,4 +154,5 @@ def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
     out = writable(options.out)
     return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
-                   repeats=options.repeats, say=say)
+                   repeats=options.repeats, predictions=options.prediction, functions=options.predictor,
+                   only=[kind.strip() for kind in options.only.split(",") if kind.strip()], say=say)

@@ -3,6 +3,7 @@
 A room imports what stands above it in this list, never below:
 
     schema, whole   a stranger's table read; a file written whole or not at all
+    threads         one for the linear algebra
     journal         an unfinished path on disk, to go on from after a kill
     scene/          what is simulated: body, material, supports, loads, obstacle, steps
     mesh/           what the body's mesh is, where its places are, whether it is sound
@@ -19,16 +20,21 @@ A room imports what stands above it in this list, never below:
     view/           how it looks
 
 What a user calls is importable from here: `from physics import load_scene, solve, elastic_modes, verify`. It is loaded when it
-is asked for, so that `import physics` costs nothing and what learns from data runs without dolfinx.
+is asked for, so that `import physics` costs nothing and what learns from data runs without dolfinx. It sets one thread for the
+linear algebra where the environment names no number (threads.py).
 """
 
 from importlib import import_module
 from typing import Any
 
+from physics.threads import one_thread
+
+one_thread()
+
 _PUBLIC = {
     "Body": "scene", "InputError": "schema", "Load": "scene", "Material": "scene", "Mesh": "mesh.mesh",
     "NoEquilibrium": "equilibrium.state", "Obstacle": "scene", "Scene": "scene", "Solution": "solution", "Steps": "scene",
-    "Support": "scene", "build_mesh": "mesh.build", "elastic_modes": "modes.elastic", "film": "view",
+    "Support": "scene", "Where": "scene", "build_mesh": "mesh.build", "elastic_modes": "modes.elastic", "film": "view",
     "laplacian_modes": "modes.laplacian", "load_body": "scene", "load_scene": "scene", "read_mesh": "mesh.files", "read_scene": "scene",
     "solve": "solution", "verify": "fidelity.verify", "von_mises": "body.stress", "write_mesh": "mesh.files",
 }

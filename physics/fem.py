@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from physics.mesh.mesh import Entities, Mesh, rows_in
+from physics.mesh.sound.curved import table
 
 Floats = NDArray[np.float64]
 # A crash shall be a crash: PETSc's handler of signals may wait forever for a lock that the crash left behind.
@@ -130,18 +131,24 @@ class Space:
         self.degrees = QUADRATURE_DEGREE[mesh.cell], MASS_DEGREE[mesh.cell]
         if order == 2:
             self.degrees = (2, 4) if mesh.cell in ("triangle", "tetrahedron") else (5, 5)
-        cells, points = mesh.cells[:, FROM_GMSH[mesh.cell]], mesh.points[:, :dimension]
+        cells, points = mesh.cells[:, FROM_GMSH[mesh.cell]], mesh.points
+        curved = order == 2 and bool(mesh.middles)
+        if curved:
+            points, inside = table(points, mesh.cells, mesh.middles, _middles(mesh.cell))
+            cells = np.concatenate([cells, inside], axis=1)
+            self.degrees = (5, 7)
+        points = points[:, :dimension]
         if self.comm.rank:  # the first process hands out the mesh
             cells, points = cells[:0], points[:0]
         cells, points = np.ascontiguousarray(cells), np.ascontiguousarray(points)
         if OLD:
             cell = ufl.Cell(mesh.cell, geometric_dimension=dimension)
             dolfinx_mesh._uflcell_to_dolfinxcell["prism"] = dolfinx_mesh.CellType.prism
-            element = ufl.VectorElement("Lagrange", cell, 1)
+            element = ufl.VectorElement("Lagrange", cell, 2 if curved else 1)
         else:
             import basix.ufl
 
-            element = basix.ufl.element("Lagrange", mesh.cell, 1, shape=(dimension,))
+            element = basix.ufl.element("Lagrange", mesh.cell, 2 if curved else 1, shape=(dimension,))
         with _quiet():
             self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
         self.V = _lagrange(self.domain, order, D)
@@ -152,7 +159,7 @@ class Space:
         index_map = self.V.dofmap.index_map
         self.owned = index_map.size_local
         count = self.owned + index_map.num_ghosts
-        corners = np.asarray(self.domain.geometry.input_global_indices)[geometry]  # (cells, k) in dolfinx's order
+        corners = np.asarray(self.domain.geometry.input_global_indices)[geometry[:, :mesh.cells.shape[1]]]  # (cells, k) in dolfinx's order
         self._entities = _entities(corners, blocks, mesh.cell, self.V.dofmap.dof_layout) if order == 2 else {}
         first = blocks[:, : corners.shape[1]] if order == 1 else self._entities[1][0]
         self.nodes = np.full(count, -1, np.int64)
@@ -219,6 +226,16 @@ def _entities(corners: NDArray[np.int64], blocks: Any, cell: str, layout: Any) -
         block, first = np.unique(np.concatenate([pair[0] for pair in pairs]), return_index=True)
         merged[k] = block, np.concatenate([pair[1] for pair in pairs])[first]
     return merged
+
+
+def _middles(cell: str) -> list[tuple[int, ...]]:
+    """The corners, as our mesh numbers them, of the edges, faces and cells inside of which a cell of second order has a node, in order."""
+    import basix
+
+    element = basix.create_element(basix.ElementFamily.P, getattr(basix.CellType, cell), 2, basix.LagrangeVariant.equispaced)
+    return [tuple(FROM_GMSH[cell][corner] for corner in local)
+            for dimension, group in enumerate(basix.topology(getattr(basix.CellType, cell))) if dimension
+            for i, local in enumerate(group) if len(element.entity_dofs[dimension][i])]
 
 
 def matrix(form: Any) -> PETSc.Mat:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import os
 import tomllib
 import types
 import typing
@@ -51,7 +52,7 @@ class Bound:
                 continue
             if isinstance(entry, str):
                 if self.choice and entry not in self.choice:
-                    raise InputError(f"{where} = {entry!r}: must be one of {', '.join(self.choice)}{nearest(entry, self.choice)}")
+                    raise InputError(f"{where} = {shown(entry)}: must be one of {', '.join(self.choice)}{nearest(entry, self.choice)}")
                 continue
             for ok, limit, words in (
                 (self.above is None or entry > self.above, self.above, "above"),
@@ -60,7 +61,7 @@ class Bound:
                 (self.at_most is None or entry <= self.at_most, self.at_most, "at most"),
             ):
                 if not ok:
-                    raise InputError(f"{where} = {entry!r}: must be {words} {limit:g}{' ' + self.unit if self.unit else ''}")
+                    raise InputError(f"{where} = {shown(entry)}: must be {words} {limit:g}{' ' + self.unit if self.unit else ''}")
 
 
 def quantity(default: Any = MISSING, *, unit: str = "", above: float | None = None, below: float | None = None,
@@ -73,12 +74,23 @@ def quantity(default: Any = MISSING, *, unit: str = "", above: float | None = No
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The table in a TOML file. Raises `InputError` when there is none or when it is not TOML."""
     try:
-        text = Path(path).read_bytes().decode()
-        return tomllib.loads(text)
+        return parse_toml(Path(path).read_bytes().decode())
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # what is no text, no TOML, or no path
         raise InputError(f"{path}: not a TOML file: {error}") from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The table in a text. Raises `InputError` when it is not TOML."""
+    if text.startswith("\ufeff"):
+        raise InputError("it begins with a byte-order mark; save it as UTF-8 without one")
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
+        raise InputError(str(error)) from None
+    except RecursionError:
+        raise InputError("it is nested too deeply") from None
 
 
 def read_table(kind: type[T], table: Any, where: str = "") -> T:
@@ -87,7 +99,7 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
     Args:
         kind: a dataclass whose fields are str, bool, int, float, tuples of them, dataclasses, or one of these | None, or of
             several of these
-        table: what `tomllib` returned
+        table: what `tomllib` returned, or a dictionary in which arrays are lists, tuples or arrays of numpy
         where: the place in the file, as it stands in the messages
 
     Raises:
@@ -99,7 +111,9 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
     hints = typing.get_type_hints(kind)
     for key in table:
         if key not in fields:
-            raise InputError(f"{_at(where, key)}: unknown key{nearest(key, fields)}")
+            of_shape = getattr(kind, "keys_for", None)
+            known = of_shape(table) if of_shape else tuple(fields)
+            raise InputError(f"{_at(where, key)}: unknown key{nearest(key, fields) or ';'} {where or 'the file'} takes {', '.join(known)}")
     values = {}
     for name, field in fields.items():
         if name not in table:
@@ -114,10 +128,19 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
 
 def to_table(value: Any) -> Any:
     """The plain table of a dataclass, without the keys that are None: what `read_table` reads back."""
+    value = _plain(value)
     if dataclasses.is_dataclass(value):
         pairs = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value))
         return {name: to_table(entry) for name, entry in pairs if entry is not None}
-    return [to_table(entry) for entry in value] if isinstance(value, tuple) else value
+    return [to_table(entry) for entry in value] if isinstance(value, list) else value
+
+
+def shown(value: Any) -> str:
+    """A value of a stranger's file as it stands in a message: a long one is cut."""
+    if type(value) is int and abs(value) >= 10**20:
+        return f"{'-' if value < 0 else ''}(an integer of {value.bit_length()} bits)"
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:60]}... ({len(text)} characters)"
 
 
 def nearest(word: str, known: typing.Iterable[str]) -> str:
@@ -135,11 +158,22 @@ def _name(value: Any) -> str:
     return names.get(type(value), type(value).__name__)
 
 
+def _plain(value: Any) -> Any:
+    """A number, array, tuple or path of Python, numpy or torch as TOML would give it: a number, list or string."""
+    if hasattr(value, "tolist"):  # numbers and arrays of numpy, tensors
+        value = value.tolist()
+    if isinstance(value, tuple):
+        return list(value)
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
 def _value(hint: Any, value: Any, where: str) -> Any:
     """One value converted to an annotated type, or `InputError`."""
+    value = _plain(value)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (types.UnionType, typing.Union):
-        return _value(next((a for a in arguments if a is type(value)), arguments[0]), value, where)
+        tables = (a for a in arguments if isinstance(value, dict) and dataclasses.is_dataclass(a))
+        return _value(next((a for a in arguments if a is type(value)), next(tables, arguments[0])), value, where)
     if dataclasses.is_dataclass(hint):
         return read_table(hint, value, where)  # type: ignore[arg-type]
     if origin is tuple:
@@ -149,9 +183,13 @@ def _value(hint: Any, value: Any, where: str) -> Any:
             raise InputError(f"{where} must have {len(arguments)} entries, not {len(value)}")
         return tuple(_value(arguments[0], entry, f"{where}[{i}]") for i, entry in enumerate(value))
     if hint is float and type(value) in (int, float):
-        if not math.isfinite(value):
-            raise InputError(f"{where} = {value}: must be finite")
-        return float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise InputError(f"{where} = {shown(value)}: must be finite" + "; the largest number is 1.8e308" * (type(value) is int))
+        return number
     if type(value) is not hint:
         wanted = {float: "a number", int: "an integer", str: "a string", bool: "a boolean"}[hint]
         raise InputError(f"{where} must be {wanted}, not {_name(value)}")

@@ -11,9 +11,10 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,12 @@ from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
 from physics.motion.dynamics import Motion
-from physics.scene import Scene
+from physics.scene import Scene, Steps
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
+
+FEWEST = 4  # steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +58,10 @@ class Solution:
     resumed: int = 0  # steps that an earlier, unfinished run had reached
     failure: str = ""  # empty when every step was reached
 
+    def __repr__(self) -> str:
+        end = self.failure or f"largest displacement {np.linalg.norm(self.displacement[-1], axis=1).max():.4g} m"
+        return f"Solution({len(self.displacement) - 1} steps of {self.mesh}: {end})"
+
     @cached_property
     def smallest_det_f(self) -> Floats:
         """(T,) smallest det F of all cells, as in `mesh.quality.det_f`."""
@@ -63,7 +70,7 @@ class Solution:
 
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
           journal: str | Path | None = None, tolerance: float = TOLERANCE, method: str | None = None,
-          spread: bool = False) -> Solution:
+          spread: bool = False, final: bool = False, partial: bool = False) -> Solution:
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
@@ -74,15 +81,22 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         tolerance: of the residual force, over the reaction
         method: "direct" or "multigrid" instead of the choice by size
         spread: over all processes of an MPI run, which share the linear algebra; every one gets the whole answer
+        final: only the end of the loading counts: in as few equal steps as lead there without a snap, FEWEST or more. Of several
+            states in which the body could rest there, a path of small steps decides
+        partial: give what was reached of a path that cannot be followed to its end, and why in `failure`, in place of raising
 
     Returns:
-        the path; when a step has no equilibrium that could be found, all steps before it and `failure`
+        the path; the last row of each array is its end
 
     Raises:
-        InputError: the scene has no solution to look for, or the journal is of another scene
+        NoEquilibrium: a step has no equilibrium that could be found; its `solution` is what a partial one would have been
+        InputError: the scene has no solution to look for, or the journal is of another scene; final of a body in motion
         WorkError: another process has the journal open
         OSError: the journal cannot be written
     """
+    if final:
+        return _final(scene, mesh=mesh, on_step=on_step, journal=journal, tolerance=tolerance, method=method, spread=spread,
+                      partial=partial)
     started, processor, spent = time.perf_counter(), time.process_time(), 0.0
     mesh = mesh or build_mesh(scene.body)
     path, frames, failure = _way(scene, mesh, tolerance, method, spread), [], ""
@@ -112,11 +126,26 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         if kept is not None:
             kept.close()
     rows = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
-    return Solution(
+    found = Solution(
         mesh=mesh, **rows,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
         model=path.model() | snapped(rows["snap"]),
         seconds=spent + time.perf_counter() - started, set_up=set_up, resumed=resumed, failure=failure)
+    if failure and not partial:
+        raise NoEquilibrium(failure, found)
+    return found
+
+
+def _final(scene: Scene, *, partial: bool, **how: Any) -> Solution:
+    """The end of a loading in as few steps as lead there: FEWEST, four times as many, ..., at last those of the scene."""
+    if scene.steps.dynamic or how["journal"] is not None:
+        raise InputError("final: for slow loading without a journal; a body in motion needs all of its steps")
+    count, most = FEWEST, max(FEWEST, scene.steps.count)
+    while True:
+        found = solve(replace(scene, steps=Steps(count=count, duration=scene.steps.duration)), **how, partial=partial or count < most)
+        if count == most or not (found.failure or found.snap.any()):
+            return found
+        count = min(4 * count, most)
 
 
 def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread: bool) -> LoadPath | Motion:
@@ -130,7 +159,8 @@ def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread:
 def identity(scene: Scene, mesh: Mesh) -> str:
     """One line that no other scene has, nor this one with another mesh in its file."""
     digest = hashlib.sha256(scene.to_toml().encode())
-    for array in (mesh.points, mesh.cells):
+    of_file = [mesh.places[name] for name in sorted(mesh.places)] if scene.body.shape == "file" else []
+    for array in (mesh.points, mesh.cells, *of_file):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 

@@ -1,8 +1,10 @@
-"""A file is written whole or not at all: under another name first, flushed to the disk, then renamed."""
+"""A file, or a folder of them, is written whole or not at all: under another name first, flushed to the disk, then renamed."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,3 +37,27 @@ def write_whole(path: str | Path, content: bytes) -> None:
     """Put content under a name, all of it or none. Raises OSError as `written_whole` does."""
     with written_whole(path) as part:
         part.write_bytes(content)
+
+
+@contextmanager
+def folder_whole(path: str | Path) -> Iterator[Path]:
+    """A new folder beside `path` to write into; what is in it moves into `path` when the block ends well, and is gone when it does not.
+
+    Raises:
+        OSError: the folders cannot be written
+    """
+    path = Path(path)
+    missing = [place for place in path.absolute().parents if not place.exists()]  # the deepest first
+    path.absolute().parent.mkdir(parents=True, exist_ok=True)
+    part = Path(tempfile.mkdtemp(prefix=f".{path.name[:100]}.", suffix=".part", dir=path.absolute().parent))
+    try:
+        yield part
+        for file in sorted(file for file in part.rglob("*") if file.is_file()):
+            there = path / file.relative_to(part)
+            there.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(file, there)
+        missing = []
+    finally:
+        shutil.rmtree(part)
+        for place in missing:
+            place.rmdir()

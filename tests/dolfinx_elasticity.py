@@ -10,7 +10,8 @@ from petsc4py import PETSc
 
 from physics import fem
 from physics.body.elasticity import Elasticity
-from physics.body.material import LAWS, lame
+from physics.body.kernel import energy_density
+from physics.body.material import lame
 from physics.mesh.cell import CELLS
 
 
@@ -50,7 +51,7 @@ class DolfinxElasticity(Elasticity):
         points, weights = CELLS[self.mesh.cell].points, CELLS[self.mesh.cell].weights
         logging.getLogger("UFL").setLevel(logging.ERROR)  # it is not sure that arrays can be metadata; FFCx reads them there
         rule = {"quadrature_degree": 2, "quadrature_rule": "custom", "quadrature_points": points, "quadrature_weights": weights}
-        W = LAWS[self.material.law](ufl.Identity(3) + ufl.grad(self._u), lmbda, mu) * ufl.dx(metadata=rule)
+        W = energy_density(self.material.law, ufl.Identity(3) + ufl.grad(self._u), lmbda, mu) * ufl.dx(metadata=rule)
         force = ufl.derivative(W, self._u, v)
         self._forms = [fem.compile_form(form) for form in (W, force, ufl.derivative(force, self._u, w))]
         self._conditions, self._tangent = conditions(self.space, self.fixed), dolfinx_petsc.create_matrix(self._forms[2])

@@ -199,7 +199,6 @@ def test_a_data_set_by_its_verbs(capsys, tmp_path):
     (["generate", "demoo", "--out", "x"], "did you mean 'demo'?"),
     (["generate", "beam"], "--out"),
     (["generate", "beam", "--out", "x", "--time-limit", "-1"], "time limit -1 s"),
-    (["generate", "beam", "--out", "x", "--count", "3", "--all"], "not allowed with"),
     (["dataset", "stats", "none"], "manifest.json"),
     (["dataset", "card", "none"], "manifest.json"),
     (["dataset", "pack", "none", "--out", "x.pack"], "manifest.json"),

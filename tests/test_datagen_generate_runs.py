@@ -252,7 +252,8 @@ def test_what_a_solution_becomes(modes):
     assert made.offsets[:4].tolist() == [0, 8, 16, 19] and made.offsets[-1] == len(made.connectivity)
     for name in ("reaction", "energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual", "snap", "released"):
         assert np.array_equal(made.per_frame[name], getattr(given, name)), name
-    assert len(made.per_frame) == 8 and (made.seed, made.index, made.complete, made.scene) == (3, 9, True, scene.to_toml())
+    assert np.allclose(made.per_frame["obstacle"], scene.obstacle.path[0] - np.outer(np.arange(3), [0, 0, 0.015 / 4]), rtol=0, atol=1e-15)
+    assert len(made.per_frame) == 9 and (made.seed, made.index, made.complete, made.scene) == (3, 9, True, scene.to_toml())
     assert made.extra["model"].keys() == {"law", "inertia"} and made.extra["model"]["law"] == "x"
     assert {name: made.extra[name] for name in made.extra if name != "model"} == {
         "seconds": 2.5, "linear_steps": 4, "factorisations": 5, "failure": ""}

@@ -36,8 +36,11 @@ def test_the_diameter_of_any_graph():
         more = random.integers(0, nodes, (nodes // 8, 2))
         edges = np.unique(np.sort(np.concatenate([tree, more[more[:, 0] != more[:, 1]]]), axis=1), axis=0)
         assert graph_diameter(edges, nodes) == brute_force(edges, nodes)
-    with pytest.raises(ValueError, match="not connected"):
-        graph_diameter(np.array([[0, 1], [2, 3]]), 4)
+
+
+def test_of_a_graph_in_pieces_the_widest_piece_counts():
+    """Nodes 0 and 1, and apart from them the path 2, 4, 3, 5."""
+    assert graph_diameter(np.array([[0, 1], [2, 4], [3, 4], [3, 5]]), 6) == 3
 
 
 def test_a_box_has_the_diameter_of_its_closed_form():

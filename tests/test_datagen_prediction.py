@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from datagen.files import prediction
-from datagen.files.prediction import finite, read_truth, verify_files
+from datagen.files.prediction import finite, lines, mistaken, read_truth, verify_files
 from datagen.files.trajectory import write_trajectory
+from physics.fidelity.figures import FIGURES
 from physics.schema import InputError
 from tests.unsolved import scene, trajectory
 
 
-def still(**changes):
+def still_scene(**changes):
     return scene(steps={"count": 3}, **changes)
 
 
@@ -24,7 +25,7 @@ BODY = {"length": 0.05, "width": 0.02, "height": 0.01, "cells": [3, 2, 1], "cell
 
 @pytest.fixture
 def truth(tmp_path):
-    made = trajectory(still())
+    made = trajectory(still_scene())
     u = made.displacement.copy()
     u[1:, made.free] = np.arange(1, 4)[:, None, None] * np.float32(1e-3)
     write_trajectory(tmp_path / "truth.vtkhdf", dataclasses.replace(made, displacement=u, extra={"linear_steps": 2}))
@@ -40,7 +41,8 @@ def test_a_truth_comes_with_the_law_of_its_last_step(truth, tmp_path):
     """Two steps of three were linear, then all three."""
     path = tmp_path / "truth.vtkhdf"
     read, given, mesh = read_truth(path)
-    assert given == still() and np.array_equal(read.displacement, truth.displacement) and np.array_equal(mesh.points, read.mesh.points)
+    assert given == still_scene() and np.array_equal(read.displacement, truth.displacement)
+    assert np.array_equal(mesh.points, read.mesh.points)
     write_trajectory(path, dataclasses.replace(truth, extra={"linear_steps": 3}))
     assert read_truth(path)[1].material.law == "linear"
 
@@ -49,8 +51,8 @@ def test_a_truth_comes_with_the_law_of_its_last_step(truth, tmp_path):
     ({"scene": ""}, "holds no scene"), ({"scene": "]"}, "its scene is wrong"),
     ({"scene": 'name = "x"'}, "its scene is wrong: body: missing"),
     ({"scene": scene().to_toml(), "complete": True}, "a body in motion"), ({"complete": False}, "the solver stopped"),
-    ({"scene": still(body=BODY | {"cells": [3, 2, 2]}).to_toml()}, "its mesh"),
-    ({"scene": still(body=BODY | {"length": 0.06}).to_toml()}, "its mesh")])
+    ({"scene": still_scene(body=BODY | {"cells": [3, 2, 2]}).to_toml()}, "its mesh"),
+    ({"scene": still_scene(body=BODY | {"length": 0.06}).to_toml()}, "its mesh")])
 def test_what_is_no_truth_is_refused(truth, tmp_path, change, words):
     write_trajectory(tmp_path / "truth.vtkhdf", dataclasses.replace(truth, **change))
     with pytest.raises(InputError, match=rf"truth\.vtkhdf: .*{words}"):
@@ -72,29 +74,93 @@ def predicted(truth, tmp_path):
     return made
 
 
-def test_the_bodies_are_compared_prediction_first(truth, predicted, tmp_path, monkeypatch):
-    asked = []
+def table(error, **changes):
+    """Figures of one prediction, all alike but for the error and the changes."""
+    return dict.fromkeys(FIGURES, 0.25) | {"inverted_elements": 0, "worst_step": 2, "rmse_all": error} | changes
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What is asked of `verify`, which answers an error of 1 mm, of 8 mm for a body at rest; and of the picture."""
+    given = types.SimpleNamespace(calls=[], pictures=[])
 
     def verify(u, v, *, scene, mesh, free):
-        asked.append((u, v, scene, len(mesh.points), free))
-        return types.SimpleNamespace(worst_step=2)
+        given.calls.append((u, v, scene, len(mesh.points), free))
+        return types.SimpleNamespace(u=u)
 
     monkeypatch.setattr(prediction, "verify", verify)
-    monkeypatch.setattr(prediction, "as_table", lambda found: {"worst_step": found.worst_step, "ratio": math.nan})
-    pictures = []
-    monkeypatch.setattr("physics.view.frame_picture", lambda path, mesh, **given: pictures.append((path, given)))
+    monkeypatch.setattr(prediction, "as_table", lambda found: table(1e-3 if found.u.any() else 8e-3, effectivity=math.nan))
+    monkeypatch.setattr("physics.view.frame_picture", lambda path, mesh, **how: given.pictures.append((path, how)))
+    return given
+
+
+def test_the_bodies_are_compared_prediction_first_and_beside_a_body_at_rest(truth, predicted, tmp_path, asked):
     files = tmp_path / "p.vtkhdf", tmp_path / "truth.vtkhdf"
     found = verify_files(*files)
-    assert found["worst_step"] == 2 and math.isnan(found["ratio"]) and not pictures
+    assert found["worst_step"] == 2 and math.isnan(found["effectivity"]) and not asked.pictures
+    assert (found["rmse_all"], found["nothing_moves"]["rmse_all"], found["units"]["gf_c"]) == (1e-3, 8e-3, "m2")
+    assert found["verdict"] == ("Better than if nothing moved: 1 mm off, 8 times closer; 25 % of the largest reaction is missing to "
+                                "equilibrium, the obstacle is up to 250 mm inside the body, no cell is turned inside out.")
     body = truth.body
-    u, v, given, nodes, free = asked[0]
-    assert np.array_equal(u, predicted.displacement[:, body]) and np.array_equal(v, truth.displacement[:, body]) and given == still()
+    (u, v, given, nodes, free), (still, *_) = asked.calls
+    assert np.array_equal(u, predicted.displacement[:, body]) and np.array_equal(v, truth.displacement[:, body]) and given == still_scene()
     assert nodes == 24 and free.tolist() == truth.free[:24].tolist() and free.sum() == 18
+    assert not still[:, free].any() and np.array_equal(still[:, ~free], v[:, ~free])
     verify_files(*files, tmp_path / "deep" / "report")
-    assert json.loads((tmp_path / "deep" / "report" / "verify.json").read_text()) == {"worst_step": 2, "ratio": None}
-    path, given = pictures[0]
+    kept = json.loads((tmp_path / "deep" / "report" / "verify.json").read_text())
+    assert (kept["worst_step"], kept["effectivity"], kept["verdict"]) == (2, None, found["verdict"])
+    path, given = asked.pictures[0]
     assert path == tmp_path / "deep" / "report" / "worst.png" and (given["step"], given["steps"]) == (2, 3)
     assert np.array_equal(given["prediction"], u[2]) and np.array_equal(given["truth"], v[2])
+    points, displacement = truth.points[24:], truth.displacement[2, 24:]
+    assert np.allclose(given["obstacle"].points, points + displacement, atol=1e-9) and displacement.any()
+
+
+def test_every_figure_stands_in_its_unit_beside_that_of_a_body_at_rest(truth, predicted, tmp_path, asked):
+    said = lines(verify_files(tmp_path / "p.vtkhdf", tmp_path / "truth.vtkhdf"))
+    assert said[0].split() == ["prediction", "nothing", "moves"] and len(said) == 1 + len(FIGURES) + 2
+    assert said[3].split() == ["RMSE-all", "[mm]", "1", "8"] and [line.split() for line in said if "GF_c" in line] == [
+        ["GF_c", "[mm²]", "2.5e+05", "2.5e+05"]]
+    assert [line.split()[-2:] for line in said if line.startswith("effectivity")] == [["–", "–"]]
+    assert said[-2].split() == ["farthest", "off", "at", "frame", "2"] and said[-1].startswith("Better than if nothing moved")
+
+
+def test_folders_are_held_against_each_other_by_the_names_of_their_files(truth, predicted, tmp_path, monkeypatch, asked):
+    for name in ("train/a", "test/a", "test/b"):
+        (tmp_path / "data" / name).parent.mkdir(parents=True, exist_ok=True)
+        write_trajectory(tmp_path / "data" / f"{name}.vtkhdf", truth)
+    (tmp_path / "mine").mkdir()
+    for name in "ab":
+        write_trajectory(tmp_path / "mine" / f"{name}.vtkhdf", predicted)
+    errors = iter([table(1e-3, largest_penetration=0.5), table(8e-3), table(3e-3, largest_penetration=0.125), table(4e-3)])
+    monkeypatch.setattr(prediction, "as_table", lambda found: next(errors))
+    found = verify_files(tmp_path / "mine", tmp_path / "data" / "test")
+    assert found["rmse_all"] == 2e-3 and found["nothing_moves"]["rmse_all"] == 6e-3 and found["largest_penetration"] == 0.5
+    assert {name: figures["rmse_all"] for name, figures in found["files"].items()} == {"a": 1e-3, "b": 3e-3} and "worst_step" not in found
+    assert "b: RMSE-all 3 mm, residual 0.25" in lines(found)
+    for one, other, words in (("mine", "data", "holds several files of the name a.vtkhdf"), ("data", "mine", "holds no file"),
+                              ("mine", "truth.vtkhdf", "mine is a folder and .*truth.vtkhdf is not one"),
+                              ("truth.vtkhdf", "mine", "mine is a folder and .*truth.vtkhdf is not one"),
+                              ("empty", "mine", "no trajectory files")):
+        (tmp_path / "empty").mkdir(exist_ok=True)
+        if other == "mine" and one == "data":
+            write_trajectory(tmp_path / "data" / "test" / "c.vtkhdf", truth)
+        with pytest.raises(InputError, match=words):
+            verify_files(tmp_path / one, tmp_path / other)
+
+
+def test_millimetres_and_positions_are_noticed(truth, tmp_path):
+    def told(u):
+        return mistaken(u, truth.displacement[:, truth.body], truth.points[truth.body])
+
+    u = truth.displacement[:, truth.body].astype(float)
+    rough = u + 2e-4 * np.random.default_rng(0).standard_normal(u.shape)
+    assert told(rough) == told(100 * u) == told(1e4 * u) == told(-1e3 * u) == told(0 * u) == told(1e3 * (rough - u)) == ""
+    assert "are they in millimetres?" in told(1e3 * rough) and "1e+03 times" in told(1e3 * u)
+    assert "positions" in told(rough + truth.points[truth.body])
+    write_trajectory(tmp_path / "p.vtkhdf", dataclasses.replace(truth, displacement=1000 * truth.displacement))
+    with pytest.raises(InputError, match=r"p\.vtkhdf: its displacements are 1e\+03 times"):
+        verify_files(tmp_path / "p.vtkhdf", tmp_path / "truth.vtkhdf")
 
 
 def test_a_prediction_of_another_mesh_or_with_holes_is_refused(truth, predicted, tmp_path, monkeypatch):

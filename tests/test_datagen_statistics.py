@@ -102,10 +102,11 @@ def test_the_error_of_the_mesh_is_worked_out_at_free_nodes_of_joined_steps(monke
     u = np.zeros((81, 3, 3), np.float32)
     u[:, 1, 1], u[:, 1, 2], u[:, 0, 0] = 3 * t, 4 * t, t
     made = tiny(points=np.eye(3), node_kind=np.array([3, 0, 0], np.uint8), displacement=u, scene=beam(steps={"count": 80}).to_toml())
-    asked = []
+    asked, mesh = [], types.SimpleNamespace(points=np.eye(3))
+    monkeypatch.setattr(statistics, "solved_on", lambda scene, trajectory: mesh)
 
-    def solved(scene, every, points, times):
-        asked.append((scene.steps.count, every, points.tolist(), times))
+    def solved(scene, every, given, times):
+        asked.append((scene.steps.count, every, given is mesh, times))
         again = u[::2].astype(float)
         if times == 1:
             again[5, 0] += (0, 0, 0.25)
@@ -120,7 +121,7 @@ def test_the_error_of_the_mesh_is_worked_out_at_free_nodes_of_joined_steps(monke
 
     monkeypatch.setattr(statistics, "_solved", solved)
     found = statistics.mesh_error(made)
-    assert asked == [(80, 2, np.eye(3).tolist(), 1), (80, 2, np.eye(3).tolist(), 2)]
+    assert asked == [(80, 2, True, 1), (80, 2, True, 2)]
     rmse, moved = (205 / 80) ** 0.5, (25 * sum(k * k for k in range(2, 81, 2)) / 80) ** 0.5
     assert found == pytest.approx({"mesh_rmse": rmse, "mesh_largest": 3, "mesh_relative": rmse / moved, "solver_largest": 0.25,
                                    "seconds": 2.5}, rel=1e-12)
@@ -128,27 +129,27 @@ def test_the_error_of_the_mesh_is_worked_out_at_free_nodes_of_joined_steps(monke
 
 def test_a_finer_solution_has_more_cells_and_fewer_steps_and_is_read_at_the_same_nodes(monkeypatch):
     scene = beam(body={"length": 0.06, "width": 0.02, "height": 0.01, "cell_size": 0.005}, steps={"count": 80})
-    points = np.array([[0.0, 0.0, 0.0], [0.06, 0.0, 0.01]])
+    mesh = types.SimpleNamespace(points=np.array([[0.0, 0.0, 0.0], [0.06, 0.0, 0.01]]))
     asked = []
 
-    def solve(given, failure=""):
+    def solve(given, *, partial, failure=""):
         asked.append(given)
         nodes = np.array([[0.06, 0.0, 0.01], [0.03, 0.01, 0.0], [0.0, 0.0, 0.0]])
         return types.SimpleNamespace(failure=failure, mesh=types.SimpleNamespace(points=nodes), seconds=4.5,
                                      displacement=np.arange(27.0).reshape(3, 3, 3))
 
     monkeypatch.setattr(statistics, "solve", solve)
-    every, u, seconds = statistics.finer(scene, points)
+    every, u, seconds = statistics.finer(scene, mesh)
     assert (every, seconds) == (2, 4.5) and np.array_equal(u, np.arange(27.0).reshape(3, 3, 3)[:, [2, 0]])
     assert asked[0].steps.count == 40 and asked[0].body.cells == (24, 8, 4) and asked[0].body.cell_size is None
     assert (asked[0].material, asked[0].support) == (scene.material, scene.support)
     with pytest.raises(AssertionError, match="keep the nodes"):
-        statistics.finer(scene, points + 2e-9)
-    monkeypatch.setattr(statistics, "solve", lambda given: solve(given, "stuck"))
+        statistics.finer(scene, types.SimpleNamespace(points=mesh.points + 2e-9))
+    monkeypatch.setattr(statistics, "solve", lambda given, partial: solve(given, partial=partial, failure="stuck"))
     with pytest.raises(RuntimeError, match="the scene with 24 x 8 x 4 cells: stuck"):
-        statistics.finer(scene, points)
-    with pytest.raises(RuntimeError, match="comes from a file"):
-        statistics.finer(dataclasses.replace(scene, body=dataclasses.replace(scene.body, shape="file")), points)
+        statistics.finer(scene, mesh)
+    with pytest.raises(RuntimeError, match="in motion"):
+        statistics.finer(dataclasses.replace(scene, steps=dataclasses.replace(scene.steps, dynamic=True)), mesh)
 
 
 def test_the_sample_is_drawn_by_its_seed_and_kept(three, monkeypatch):

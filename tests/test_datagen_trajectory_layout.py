@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from datagen.files import trajectory as module
-from datagen.files.trajectory import as_solved, at_rest, problems, read_sound, read_trajectory, unfinished, write_trajectory
+from datagen.files.solved import as_solved
+from datagen.files.trajectory import at_rest, problems, read_sound, read_trajectory, unfinished, write_trajectory
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import OF_VTK
 from physics.scene import Body

@@ -2,6 +2,7 @@
 
 import argparse
 from types import SimpleNamespace
+from unittest.mock import ANY
 
 import pytest
 
@@ -74,7 +75,7 @@ def verb(monkeypatch):
 
 def test_the_check_says_every_problem_and_fails_with_their_number(verb):
     assert verb("check", datagen.sets.check, "check", [], folder="F", steps=4) == (
-        {"problems": []}, [("F", {"steps": 4})], ["F: nothing wrong"])
+        {"problems": []}, [("F", {"steps": 4, "remark": ANY})], ["F: nothing wrong"])
     for problems, words in ((["a"], "1 problem in F: a"), (["a", "b"], "2 problems in F: a")):
         with pytest.raises(WorkError) as error:
             verb("check", datagen.sets.check, "check", problems, folder="F", steps=4)

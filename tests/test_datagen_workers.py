@@ -1,6 +1,7 @@
 """Workers: one thread each, ended with what they were told; a cluster's are asked once a machine. No solver takes part."""
 
 import asyncio
+import logging
 import os
 import sys
 from pathlib import Path
@@ -161,6 +162,18 @@ def test_a_cluster_without_workers_or_with_threads_is_refused(cluster, tmp_path,
     monkeypatch.setattr(Client, "threads", {"tcp://a:1": 1})
     with pytest.raises(RuntimeError, match="does not see"):
         ask(Path("/none"))
+
+
+def test_certificates_are_for_addresses_at_tls_and_are_files(cluster, tmp_path):
+    """What is shown to a real scheduler is tested beside one (test_datagen_workers_tls.py)."""
+    how = {"prepare": (len, "scenes"), "folder": tmp_path, "tls": (str(tmp_path / "ca.pem"),) * 3}
+    with pytest.raises(InputError, match="begins with tls://"):
+        list(on_cluster(str, [1], "tcp://there", **how))
+    with pytest.raises(InputError, match=r"--tls .*ca\.pem: no such file"):
+        list(on_cluster(str, [1], "tls://there", **how))
+    with pytest.raises(InputError, match="needs certificates: --tls CA CERT KEY"):
+        ask(tmp_path, "tls://there")
+    assert logging.root.manager.disable == 0  # what was quiet may speak again
 
 
 def test_a_cluster_that_is_lost_says_that_what_is_finished_is_kept(cluster, tmp_path, monkeypatch):

@@ -154,9 +154,10 @@ def test_pictures_of_modes_are_named_by_value_and_unit(monkeypatch, capsys, tmp_
     given = []
     monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
     monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
-    monkeypatch.setattr("physics.view.mode_pictures", lambda folder, mesh, shapes, names: given.append((folder, names)) or ["a", "b"])
+    monkeypatch.setattr("physics.view.mode_pictures", lambda folder, mesh, shapes, names, films, say:
+                        given.append((folder, names)) or say(f"films {films}") or ["a", "b"])
     status, out, _ = called(capsys, "modes", "s.toml", "--picture", tmp_path / "p")
-    assert status == 0 and out.endswith(f"2 pictures: {tmp_path / 'p'}\n")
+    assert status == 0 and out.endswith(f"films True\n2 pictures: {tmp_path / 'p'}\n")
     assert json.loads(called(capsys, "modes", "s.toml", "--picture", tmp_path / "p", "--kind", "laplacian", "--json")[1])["pictures"] == [
         "a",
         "b",
@@ -219,9 +220,10 @@ def solved(monkeypatch, tmp_path):
         smallest_det_f=np.array([1, 0.9, 0.75, 0.8, 0.95]),
         reaction=np.array([[9.0, 0, 0], [0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]]),
         linear_steps=2,
+        mesh=SimpleNamespace(remarks=()),
     )
     monkeypatch.setattr("physics.solution.solve", lambda scene, **how: solution)
-    made = SimpleNamespace(extra={"model": {"inertia": "left out"}})
+    made = SimpleNamespace(extra={"model": {"inertia": "left out"}}, per_frame={"obstacle": np.arange(15.0).reshape(5, 3)})
     monkeypatch.setattr("datagen.sets.generate.trajectory_of", lambda scene, solution: made)
     written = []
     monkeypatch.setattr("datagen.files.trajectory.write_trajectory", lambda path, trajectory: written.append(path))
@@ -235,7 +237,8 @@ def test_a_simulation_is_told_by_its_extremes_and_sums(solved, capsys):
     result = json.loads(called(capsys, "simulate", solved.scene, "--out", solved.out, "--json")[1])
     assert result == {"steps": 4, "ms_per_step": 500.0, "newton_iterations": 11, "factorisations": 6, "largest_relative_residual": 5e-7,
                       "largest_penetration": 3e-5, "smallest_det_f": 0.75, "reaction": [[0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]],
-                      "model": {"inertia": "left out"}, "linear_steps": 2, "seconds": 2.0, "resumed_after_step": 0}
+                      "obstacle": np.arange(3.0, 15.0).reshape(4, 3).tolist(),
+                      "model": {"inertia": "left out"}, "linear_steps": 2, "seconds": 2.0, "resumed_after_step": 0, "remarks": []}
     assert solved.written == [solved.out] and not solved.part.exists()  # the journal of a whole run is not needed any more
     assert called(capsys, "simulate", solved.scene, "--out", solved.out) == (
         0, f"4 steps in 2.00 s, 11 Newton steps, 6 factorisations, largest reaction 50.5 N: {solved.out}\n  inertia: left out\n", "")
@@ -295,10 +298,12 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
         "datagen.sets.generate.generate", lambda family, wanted, out, **how: given.update(how, all=(family, wanted, out)) or {"new": 3}
     )
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d") == (0, f"new 3: {tmp_path / 'd'}\n", "")
-    assert given == {"all": ("beam", (None, None), tmp_path / "d"), "seed": 0, "workers": None, "cluster": "", "time_limit": float("inf")}
+    assert given == {"all": ("beam", (None, None), tmp_path / "d"), "seed": 0, "workers": None, "cluster": "", "tls": (),
+                     "time_limit": float("inf")}
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d", "--count", "4", "--split", "test", "--seed", "9", "--workers", "2",
-                  "--cluster", "tcp://x", "--time-limit", "1.5")[0] == 0
-    assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tcp://x", "time_limit": 1.5}
+                  "--cluster", "tls://x", "--tls", "ca", "cert", "key", "--time-limit", "1.5")[0] == 0
+    assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tls://x",
+                     "tls": ["ca", "cert", "key"], "time_limit": 1.5}
     monkeypatch.setattr("datagen.sets.plan.planned",
                         lambda family, wanted, seed: {"count": 3, "nodes": {"mean": 81.5, "min": 60.0}, "of": seed})
     assert called(capsys, "generate", "beam", "--dry-run", "--seed", "5")[1].splitlines() == [
@@ -307,14 +312,12 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert status == 2 and "--out: give the folder, or --dry-run" in err
 
 
-def test_verify_prints_its_figures_with_six_digits(monkeypatch, capsys, tmp_path):
+def test_verify_prints_the_lines_of_what_it_found(monkeypatch, capsys, tmp_path):
     given = []
-    monkeypatch.setattr(
-        "datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.23456789e-4, "mc": 2.0}
-    )
-    assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1].splitlines() == [
-        "rmse_all             0.000123457", "mc                   2"]
-    assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmse_all": 1.23456789e-4, "mc": 2.0}
+    monkeypatch.setattr("datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.25e-4})
+    monkeypatch.setattr("datagen.files.prediction.lines", lambda result: [f"error {result['rmse_all']}", "verdict"])
+    assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1] == "error 0.000125\nverdict\n"
+    assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmse_all": 1.25e-4}
     assert given == [("p", "r", tmp_path / "o"), ("p", "r", None)]
 
 
@@ -329,7 +332,21 @@ def test_a_film_lies_beside_its_trajectory_and_shows_the_body_and_its_obstacle(m
     _, mesh, u, obstacle = given[0]
     assert np.array_equal(u, trajectory.displacement[:, trajectory.body]) and len(mesh.points) == 99
     assert np.array_equal(obstacle.points, trajectory.obstacle[0]) and np.array_equal(obstacle.triangles, trajectory.obstacle[1])
-    assert called(capsys, "view", tmp_path / "t.vtkhdf", "--out", tmp_path / "x.png")[0] == 2
+    assert called(capsys, "view", tmp_path / "none.vtkhdf", "--out", tmp_path / "x.avi") == (  # before anything is read
+        2, "", f"fidelity: --out {tmp_path / 'x.avi'}: the name must end in .gif or .png or .html\n")
+
+
+def test_one_frame_is_a_picture_the_last_one_unless_another_is_named(capsys, tmp_path):
+    write_trajectory(tmp_path / "t.vtkhdf", bending(steps=3))
+    view = ("view", tmp_path / "t.vtkhdf", "--out", tmp_path / "x.png")
+    assert called(capsys, *view)[1] == f"frame 3 of 3: {tmp_path / 'x.png'}\n"
+    last = (tmp_path / "x.png").read_bytes()
+    assert json.loads(called(capsys, *view, "--frame", "1", "--json")[1]) == {"frame": 1, "out": str(tmp_path / "x.png")}
+    assert (tmp_path / "x.png").read_bytes() != last
+    assert "--frame 4: the last one is 3" in called(capsys, *view, "--frame", "4")[2]
+    assert "--frame 1: is for a picture" in called(capsys, "view", tmp_path / "t.vtkhdf", "--frame", "1")[2]
+    called(capsys, *view)
+    assert (tmp_path / "x.png").read_bytes() == last
 
 
 # processes

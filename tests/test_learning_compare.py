@@ -26,12 +26,11 @@ CHEAPER = [
     "FE, cells halved, a tenth of the steps",
     "FE, linear elasticity",
     "reduced-order model",
-    "reduced-order model, a tenth of the steps",
 ]
 
 
 def model(estimate: bool = False):
-    return SimpleNamespace(config=SimpleNamespace(estimate=estimate))
+    return SimpleNamespace(config=SimpleNamespace(estimate=estimate), title="M4GN")
 
 
 @pytest.fixture
@@ -74,7 +73,7 @@ def test_a_scene_without_a_solution_says_where_it_ended(scene, monkeypatch):
 def test_classical_methods_stand_among_themselves_the_reference_last():
     found = module.predictors({})
     assert [each.name for each in found] == [*TRIVIAL, *CHEAPER, REFERENCE]
-    assert [each.kind for each in found] == ["trivial"] * 3 + ["fe"] * 6 + ["reduced"] * 2 + ["reference"]
+    assert [each.kind for each in found] == ["trivial"] * 3 + ["fe"] * 6 + ["reduced", "reference"]
 
 
 def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its_folder():
@@ -83,23 +82,21 @@ def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its
     assert [(each.name, each.kind) for each in one[:3]] == [
         ("M4GN" + rung, kind) for rung, kind in zip(rungs, ("learned", "hybrid", "hybrid"), strict=True)
     ]
-    assert one[3].name == "nothing moves" and len(one) == 15
+    assert one[3].name == "nothing moves" and len(one) == 14
     two = module.predictors({"runs/a": model(), "more/b": model(estimate=True)})
-    assert [each.name for each in two[:7]] == [*("M4GN a" + rung for rung in rungs), "M4GN b", "M4GN b, its estimate alone",
-                                               "M4GN b, 1 Newton step", "M4GN b, as the start of Newton"]
-    assert module.predictors({"runs/a": model(estimate=True)})[1].name == "M4GN, its estimate alone"
+    assert [each.name for each in two[:7]] == [*("M4GN a" + rung for rung in rungs), *("M4GN b" + rung for rung in rungs), TRIVIAL[0]]
 
 
 def test_two_runs_of_one_name_are_refused():
     with pytest.raises(InputError, match="the folders a/run, b/run must have different names"):
-        module.predictors({"a/run": None, "b/run": None})
+        module.predictors({"a/run": model(), "b/run": model()})
 
 
 def test_each_is_cheaper_by_what_its_name_says(monkeypatch):
     """What the solver is asked for: cells, steps, tolerance and law of each, for 30 steps of a beam of 12 x 4 x 4 cells."""
     asked = {}
 
-    def follow(scene, tolerance):
+    def follow(scene, tolerance, mesh=None):
         asked[name] = (scene.body.divisions, scene.steps.count, tolerance, scene.material.law)
         raise LeftOut("enough")
 
@@ -117,25 +114,6 @@ def test_each_is_cheaper_by_what_its_name_says(monkeypatch):
         "FE, linear elasticity": ((12, 4, 4), 30, TOLERANCE, "linear"), REFERENCE: ((12, 4, 4), 30, TOLERANCE, "neo-hookean")}
 
 
-def test_the_reduced_model_goes_in_as_many_steps_as_its_name_says(monkeypatch):
-    counts = []
-
-    class Model:
-        iterations = 0
-
-        def __init__(self, scene, mesh):
-            pass
-
-        def path(self, count):
-            counts.append(count)
-            return np.zeros((count + 1, 2, 3))
-
-    monkeypatch.setattr("learning.prediction.rivals.Reduced", Model)
-    case = SimpleNamespace(scene=None, mesh=None, steps=30)
-    paths = [each.predict(case).path for each in module.predictors({}) if each.kind == "reduced"]
-    assert counts == [30, 3] and [len(path) for path in paths] == [31, 31]
-
-
 def test_two_kinds_of_newton_are_one_step_and_the_whole_iteration(monkeypatch):
     asked = []
     monkeypatch.setattr("learning.prediction.surrogates.corrected_rollout",
@@ -143,7 +121,7 @@ def test_two_kinds_of_newton_are_one_step_and_the_whole_iteration(monkeypatch):
     monkeypatch.setattr("learning.prediction.surrogates._modes_seconds", lambda model, case: 0.0)
     for each in module.predictors({"a": model()})[1:3]:
         with pytest.raises(ZeroDivisionError):
-            each.predict(Case("", None, None, None))
+            each.predict(Case("", None, "scene", None))
     assert asked == [1, None]
 
 
@@ -172,7 +150,7 @@ def test_a_scene_file_is_one_case_and_a_folder_a_set(reported, tmp_path):
     assert module.compare("a.toml", ["runs/x"], str(tmp_path), repeats=7, say=print) == {"summary": "words"}
     assert reported["cases"] == ["scene", "a.toml"] and reported["out"] == tmp_path and reported["title"] == "Speed against error"
     assert (reported["refined"], reported["repeats"], reported["say"]) == (2, 7, print)  # all cases, here "two", are solved finer
-    assert list(reported["runs"]) == ["runs/x"] and reported["names"][0] == "M4GN" and len(reported["names"]) == 15
+    assert list(reported["runs"]) == ["runs/x"] and reported["names"][0] == "M4GN" and len(reported["names"]) == 14
     module.compare("B.TOML", [], tmp_path)
     assert reported["cases"] == ["scene", "B.TOML"] and (reported["repeats"], reported["say"], reported["runs"]) == (3, None, {})
     module.compare("data", [], tmp_path, count=9, split="valid", refined=0)

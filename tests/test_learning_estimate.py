@@ -22,7 +22,7 @@ def beam(cell, law="neo-hookean"):
     mesh = build_mesh(Body(length=0.06, width=0.02, height=0.02, cells=(4, 2, 2), cell=cell))
     held = np.zeros(len(mesh.points), bool)
     held[mesh.places["x-min"]] = True
-    return mesh, held, Elastic(mesh, held, law, 0.4)
+    return mesh, held, Elastic(mesh, held, Material(young_modulus=7.0, poisson_ratio=0.4, law=law))
 
 
 def rms(error):

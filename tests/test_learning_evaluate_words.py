@@ -11,9 +11,11 @@ import torch
 
 from learning.prediction.predictor import Case, Predictor
 from learning.report import evaluate as module
+from learning.report.differences import spread_said
 from learning.report.measure import Measurement, WorstFrame
 from learning.samples.seen import Seen
 from physics.mesh.build import build_mesh
+from physics.schema import InputError
 from tests.rows import row, rows
 from tests.scenes import beam, pressed
 from tests.synthetic import bending
@@ -93,6 +95,7 @@ def measured(monkeypatch):
     monkeypatch.setattr(module, "tqdm", Bar)
     monkeypatch.setattr(module, "measure", measure)
     monkeypatch.setattr(module, "warm_up", asked.warm.append)
+    monkeypatch.setattr(module, "_apart", lambda runs: {})
     monkeypatch.setattr(module, "_pictures", lambda out, found: [])
     monkeypatch.setattr(module, "write_report", lambda out, report, shown: asked.__dict__.update(report=report, out=out)
                         or {"summary": "words"})
@@ -102,12 +105,14 @@ def measured(monkeypatch):
 @pytest.mark.parametrize("refined, numbers", [(0, []), (1, [0]), (2, [0, 4]), (3, [0, 2, 4]), (4, [0, 1, 3, 4]), (9, [0, 1, 2, 3, 4])])
 def test_scenes_solved_finer_are_evenly_spaced_and_as_many_as_asked_for(measured, tmp_path, refined, numbers):
     cases = [case(str(i)) for i in range(5)]
-    result = module.report_on([made(), made()], cases, tmp_path / "out", title="T", runs={}, refined=refined, repeats=7)
+    result = module.report_on([made(), made(name="b")], cases, tmp_path / "out", title="T", runs={}, refined=refined, repeats=7)
     assert measured.measure["refined"] == numbers
     assert (measured.measure["sample"], measured.measure["repeats"]) == (25, 7)
-    assert measured.bars == [{"total": 10, "desc": "evaluate", "disable": None, "unit": "rollout"}] and measured.warm == [cases[0].scene]
+    assert measured.bars == [{"total": 10, "desc": "evaluate", "disable": None, "unit": "rollout"}] and measured.warm == [cases[0]]
     assert result == {"summary": "words", "report": str(tmp_path / "out")} and (tmp_path / "out").is_dir()
     assert measured.out == tmp_path / "out"
+    with pytest.raises(InputError, match="two predictors are called 'b'"):
+        module.report_on([made(), made(name="b"), made(name="b")], cases, tmp_path, title="T", runs={}, refined=0)
 
 
 def test_a_report_gathers_title_names_rows_and_notes(measured, tmp_path):
@@ -116,7 +121,7 @@ def test_a_report_gathers_title_names_rows_and_notes(measured, tmp_path):
     assert (report.title, report.cases, report.rows, report.pictures, report.outside) == ("T", ["0003", "0007"], rows(), [], None)
     assert measured.measure["repeats"] == 1
     assert report.notes[-1] == "what went wrong" and report.facts["test trajectories"].startswith("2: 0003, 0007; ")
-    assert measured.said == [*module.summary(rows()), "words", f"report: {tmp_path / 'out' / 'report.html'}"]
+    assert measured.said == [*module.summary(rows()), "words", *spread_said(rows()), f"report: {tmp_path / 'out' / 'report.html'}"]
 
 
 def test_how_far_outside_is_told_by_the_first_run_that_knows_its_ranges(measured, tmp_path, monkeypatch):
@@ -139,8 +144,8 @@ def test_the_summary_is_in_mm_with_a_dash_for_what_is_missing():
 
 def test_what_is_solved_to_warm_up_is_the_coarsest_scene(monkeypatch):
     solved = []
-    monkeypatch.setattr(module, "follow", solved.append)
-    module.warm_up(pressed())
+    monkeypatch.setattr(module, "follow", lambda scene, mesh: solved.append(scene))
+    module.warm_up(SimpleNamespace(scene=pressed(), mesh=None))
     assert [scene.body.divisions for scene in solved] == [(2, 2, 2)]
 
 
@@ -150,13 +155,13 @@ STATE = SimpleNamespace(about={"step": 4000, "seconds": 61.7, "best_step": 3500}
 
 
 def facts(monkeypatch, cases, *, repeats: int = 1, runs=None, solved_again: float = 0.0) -> dict[str, str]:
-    monkeypatch.setattr(module, "read_checkpoint", lambda path: STATE if path == Path("runs/m4gn/model.safetensors") else None)
+    monkeypatch.setattr(module, "read_stored", lambda path: (STATE.about, {}) if path == Path("runs/m4gn/model.safetensors") else None)
     return module._facts(runs or {}, cases, Measurement(solved_again=solved_again), repeats)
 
 
 def test_the_facts_tell_what_was_tested_and_trained(monkeypatch):
     network = torch.nn.Linear(4, 3)  # 12 + 3 weights
-    model = SimpleNamespace(network=network, config=SimpleNamespace(seed=17))
+    model = SimpleNamespace(network=network, config=SimpleNamespace(seed=17), title="M4GN")
     scene = pressed(material={"young_modulus": 1e6, "poisson_ratio": 0.4, "law": "linear"},
                     body={"length": 0.1, "width": 0.02, "height": 0.02, "cells": [4, 3, 2], "cell": "hexahedron"})
     cases = [case("b", steps=12), case("a", steps=6, cells=(4, 3, 2), scene=scene)]
@@ -269,9 +274,10 @@ def test_what_newton_steps_make_of_a_network_is_told_by_factor_and_time():
 
 def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_path):
     given = {}
-    model = SimpleNamespace(config=SimpleNamespace(estimate=False))
+    model = SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN")
     monkeypatch.setattr(module, "load_model", lambda run: model)
-    monkeypatch.setattr(module, "load_cases", lambda files: list(files))
+    one = SimpleNamespace(known="scene")
+    monkeypatch.setattr(module, "load_cases", lambda files: [one for _ in files])
     monkeypatch.setattr(
         module, "report_on", lambda predictors, cases, out, **how: given.update(how, p=predictors, cases=cases, out=out) or {"a": 1}
     )
@@ -281,7 +287,7 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
     assert [(each.name, each.kind) for each in given["p"]] == list(
         zip(names, ("learned", "hybrid", *["trivial"] * 3, "fe", "fe", "reference"), strict=True)
     )
-    assert (given["cases"], given["out"], given["runs"], given["refined"]) == (["f"], tmp_path, {"run": model}, 4)
+    assert (given["cases"], given["out"], given["runs"], given["refined"]) == ([one], tmp_path, {"run": model}, 4)
     model.config.estimate = True
     module.evaluate("run", ["f"], tmp_path)
     assert [each.name for each in given["p"]] == ["M4GN", "M4GN, its estimate alone", "M4GN, 1 Newton step", *names[2:]]
@@ -290,8 +296,8 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
 
 def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
     halvings = {}
-    monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False)))
-    monkeypatch.setattr(module, "load_cases", list)
+    monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN"))
+    monkeypatch.setattr(module, "load_cases", lambda files: [SimpleNamespace(known="scene")])
     monkeypatch.setattr(module, "report_on", lambda *given, **how: {})
     monkeypatch.setattr(module, "elements", lambda name, **how: halvings.update({name: how}))
     module.evaluate("run", ["f"], "out")
@@ -300,7 +306,7 @@ def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
 
 def test_cases_are_named_by_their_files(monkeypatch):
     one = case("x")
-    monkeypatch.setattr(module, "read_truth", lambda file: (one.trajectory, one.scene, file))
+    monkeypatch.setattr(module, "read_reference", lambda file: (one.trajectory, one.scene, file))
     cases = module.load_cases(["a/0003.vtkhdf", Path("b/0007.vtkhdf")])
     assert [(each.name, each.mesh, each.scene is one.scene) for each in cases] == [
         ("0003", "a/0003.vtkhdf", True), ("0007", Path("b/0007.vtkhdf"), True)]

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from datagen.files.trajectory import as_solved
+from datagen.files.solved import as_solved
 from datagen.sets.generate import trajectory_of
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.prediction.rivals import trivial
@@ -190,8 +190,8 @@ def test_a_finer_solution_has_an_error_of_its_own(monkeypatch):
     case = cases()[0]
     asked = []
 
-    def finer(scene, points):
-        asked.append((scene, points))
+    def finer(scene, mesh):
+        asked.append((scene, mesh))
         return 2, shifted(case, 0, 1, 0, 4)[::2], 99.0
 
     monkeypatch.setattr(module, "finer", finer)
@@ -199,7 +199,7 @@ def test_a_finer_solution_has_an_error_of_its_own(monkeypatch):
     # These are 0.5 and 1.5, 1 and 4, 1.1 and 2 from the data: nearer than the finer solution twice, never (equal does not count), once.
     rows = run(made("near", factors=(7, 0.5, 7, -1.5)), made("on", factors=(7, 1, 7, 4)), made("far", factors=(7, -1.1, 7, -2)),
                Predictor("FE", "reference", lambda c: Prediction(path=shifted(c, 1, 1, 1, 1), seconds=1.0)), refined=[0]).rows
-    assert asked == [(case.scene, case.mesh.points)]
+    assert asked == [(case.scene, case.mesh)]
     size = {row.name: row.scores["rmse_refined"] / 5e-5 for row in rows}
     share = {row.name: row.scores["below_data"] for row in rows}
     assert size == pytest.approx({"near": math.sqrt((0.25 + 30.25) / 2), "on": 0, "far": math.sqrt((2.1**2 + 36) / 2),
@@ -208,10 +208,10 @@ def test_a_finer_solution_has_an_error_of_its_own(monkeypatch):
 
 
 def test_only_the_cases_asked_for_are_solved_on_finer_cells_and_failures_are_told(monkeypatch):
-    names = {id(case.mesh.points): case.name for case in cases()}
+    names = {id(case.mesh): case.name for case in cases()}
 
-    def finer(scene, points):
-        if names[id(points)] == "shallow":
+    def finer(scene, mesh):
+        if names[id(mesh)] == "shallow":
             raise RuntimeError("its mesh comes from a file")
         return 1, cases()[1].truth.astype(np.float64) + SHIFT, 1.0
 

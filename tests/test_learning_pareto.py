@@ -246,3 +246,12 @@ def test_where_every_place_is_taken_the_least_covered_one_is_chosen(monkeypatch)
     # label; the second covers both points in the middle, a point and the first label at 8, the label alone at the last two.
     assert [(note.get_text(), note.get_position()) for note in axes.texts] == [("one", (16, 8)), ("two", (16, 8)), ("far", (8, 8))]
     assert all(note.get_visible() for note in axes.texts)
+
+
+def test_what_is_brought_along_is_a_labelled_point_or_without_a_time_a_line_with_its_name():
+    axes = drawn([*rows(), row("mine", "foreign", 3.0, 1e-3), row("untimed", "foreign", math.nan, 2e-3)])
+    at = [tuple(np.asarray(points.get_offsets())[0]) for points in axes.collections if len(points.get_offsets())]
+    assert any(np.allclose(place, (3.0, 1.0)) for place in at) and not any(np.isnan(place).any() for place in at)
+    assert "mine" in {text.get_text() for text in axes.texts} and "untimed" not in {text.get_text() for text in axes.texts}
+    assert {line.get_ydata()[0]: line.get_label() for line in axes.lines}[2.0] == "untimed: its time is not known"
+    assert "untimed" not in [each.name for each in front([*rows(), row("untimed", "foreign", math.nan, 1e-9)])]

@@ -17,10 +17,8 @@ from learning.prediction.rivals import (
     keep_acceleration,
     keep_velocity,
     nothing_moves,
-    reduced,
     trivial,
 )
-from physics.equilibrium.state import NoEquilibrium
 from physics.mesh.build import build_mesh
 from tests.scenes import beam
 from tests.synthetic import bending
@@ -114,7 +112,7 @@ class Road:
         self.now, self.asked, self.mesh = 0.0, [], None
         road = self
 
-        def solve(scene, *, tolerance):
+        def solve(scene, *, mesh, tolerance, partial):
             road.scene, road.mesh, road.tolerance = scene, build_mesh(scene.body), tolerance
             road.now += 7
             u, failure = [np.zeros_like(road.mesh.points)], ""
@@ -128,21 +126,7 @@ class Road:
             return SimpleNamespace(mesh=road.mesh, displacement=np.array(u), set_up=7.0, failure=failure,
                                    newton_iterations=np.array([0] + [3] * (len(u) - 1)))
 
-        class Model:
-            iterations = 11
-
-            def __init__(self, scene, mesh):
-                road.scene, road.mesh = scene, mesh
-                road.now += 7
-
-            def path(self, count):
-                road.now += 2 * count
-                if fails is not None:
-                    raise NoEquilibrium("lost")
-                return (np.arange(count + 1) / count)[:, None, None] ** 2 * road.mesh.points
-
         patch.setattr(module, "solve", solve)
-        patch.setattr(module, "Reduced", Model)
         patch.setattr(module, "time", SimpleNamespace(process_time=lambda: self.now))
         for name in ("between", "interpolate"):
             patch.setattr(module, name, self.later(getattr(module, name)))
@@ -194,22 +178,6 @@ def test_what_cannot_be_made_cheaper_is_left_out(case, monkeypatch):
     Road(monkeypatch, fails=3)
     with pytest.raises(LeftOut, match="at step 3: lost"):
         elements("x").predict(case)
-    with pytest.raises(LeftOut, match="lost"):
-        reduced("x").predict(case)
-
-
-def test_a_reduced_model_takes_all_steps_or_fewer(case, monkeypatch):
-    road = Road(monkeypatch)
-    found = reduced("r").predict(case)
-    assert reduced("r").kind == "reduced" and reduced("r").name == "r"
-    np.testing.assert_allclose(found.path, (np.arange(9) / 8)[:, None, None] ** 2 * case.mesh.points)
-    assert (found.seconds, found.set_up, found.iterations) == (16.0, 7.0, 11)
-    assert road.scene is case.scene and road.mesh is case.mesh
-    found = reduced("r", fewer=4).predict(case)
-    share = np.interp(np.arange(9) / 8, [0, 0.5, 1], [0, 0.25, 1])
-    np.testing.assert_allclose(found.path, share[:, None, None] * case.mesh.points)
-    assert (found.seconds, found.set_up) == (4.5, 7.0)
-    assert reduced("r", fewer=100).predict(case).path.shape[0] == 9
 
 
 def test_a_path_of_linear_elements_is_proportional_to_the_load():

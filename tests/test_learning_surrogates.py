@@ -12,6 +12,7 @@ from learning.prediction.predictor import Case, LeftOut
 from learning.prediction.surrogates import corrected, corrected_rollout, estimated, learned
 from learning.samples.estimate import Estimate
 from physics.equilibrium.state import NoEquilibrium
+from physics.schema import InputError
 from tests.synthetic import bending
 
 MODEL = SimpleNamespace(config=TrainConfig())
@@ -127,7 +128,7 @@ def test_what_blows_up_or_is_lost_is_left_out(world, case):
             predictor.predict(case)
 
 
-def test_the_estimate_alone_has_its_own_row(world, case, monkeypatch):
+def test_the_reduced_model_is_the_estimate_without_the_network(world, case, monkeypatch):
     def guessed(trajectory, frames):
         world.now += 6
         assert frames.tolist() == [1, 2, 3, 4]
@@ -136,10 +137,19 @@ def test_the_estimate_alone_has_its_own_row(world, case, monkeypatch):
         return Estimate(frames, world.path[frames] + 2, world.path[frames])
 
     monkeypatch.setattr(module, "estimate", guessed)
-    predictor = estimated()
-    assert (predictor.name, predictor.kind) == ("M4GN, its estimate alone", "reduced") and estimated("b").name == "b, its estimate alone"
+    predictor = estimated("by itself")
+    assert (predictor.name, predictor.kind) == ("by itself", "reduced")
     found = predictor.predict(case)
     body = case.trajectory.body
     assert not found.path[0].any()
     np.testing.assert_array_equal(found.path[1:], world.path[1:, body] + 2)
     assert (found.seconds, found.set_up, found.one_step) == (6.0, 0.0, None)
+
+
+def test_what_the_reduced_model_does_not_know_is_left_out(case, monkeypatch):
+    def refused(trajectory, frames):
+        raise InputError("clamped bodies alone")
+
+    monkeypatch.setattr(module, "estimate", refused)
+    with pytest.raises(LeftOut, match="clamped bodies alone"):
+        estimated("r").predict(case)

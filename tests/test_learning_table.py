@@ -37,6 +37,9 @@ WHOLE = {
         "rmse_all_pooled": (5.5e-4, "m", "RMSE-all, pooled [mm]", "0.55"),
         "rmse_refined": (6.5e-3, "m", "to finer cells [mm]", "6.5"),
         "below_data": (0.375, "1", "below the data's error", "0.375"),
+        "error_bar": (7.5e-4, "m", "error bar [mm]", "0.75"),
+        "covered": (0.875, "1", "covered", "0.875"),
+        "unsure": (0.125, "1", "unsure", "0.125"),
     },
     "Held against the equations": {
         "relative_residual": (0.0625, "1", "residual", "0.0625"),
@@ -170,4 +173,4 @@ def test_marks_of_bold_letters_are_replaced_or_taken_away():
 
 
 def test_every_kind_of_row_has_a_name():
-    assert {each.kind for each in rows()} | {"reduced"} == set(KINDS)
+    assert {each.kind for each in rows()} | {"reduced", "foreign"} == set(KINDS)

@@ -160,7 +160,7 @@ def test_three_steps_and_three_more_are_six_to_the_last_bit(files, run, tmp_path
     with open(tmp_path / "curve.jsonl", "a") as curve:
         curve.write('{"step": 5, "loss": 1.0}\n{"step": 5, "lo')  # what a kill leaves behind
     summary = train(CONFIG, files["train"], files["valid"], tmp_path, resume=True)
-    assert summary["steps"] == 6
+    assert summary["steps"] == 6 and summary["loss"] == read_checkpoint(run / "last.safetensors").about["loss"]
     whole, halves = (read_checkpoint(folder / "last.safetensors") for folder in (run, tmp_path))
     assert whole.generator is not None and halves.generator is not None and torch.equal(whole.generator, halves.generator)
     assert all(torch.equal(value, halves.weights[name]) for name, value in whole.weights.items())

@@ -289,6 +289,29 @@ def test_steps_ends_a_training_before_its_config_does_and_not_after(clock, files
     assert train(CONFIG, files, [], tmp_path, steps=99, resume=True)["steps"] == 5
 
 
+def test_the_loss_that_is_told_is_the_same_with_stops_as_without(files, tmp_path, monkeypatch):
+    """Means over steps 1 .. 4 and 5 .. 8, and at the end over 9 and 10, whatever stops lie between."""
+    monkeypatch.setattr(module, "REPORT_EVERY", 4)
+    config = replace(CONFIG, steps=10, validate_every=3)
+    whole = train(config, files, [], tmp_path / "whole")["loss"]
+    for stop in (1, 3, 4, 6, 9):
+        train(config, files, [], tmp_path / "stopped", steps=stop, resume=True)
+    assert train(config, files, [], tmp_path / "stopped", resume=True)["loss"] == whole
+
+    def told(run, steps):
+        lines = [json.loads(line) for line in (tmp_path / run / "curve.jsonl").read_text().splitlines()]
+        return [line["loss"] for line in lines if line["step"] in steps and "loss" in line]
+
+    assert told("whole", (4, 8, 10)) == told("stopped", (4, 8, 10)) and len(told("stopped", range(11))) == 7
+
+
+def test_to_resume_what_has_not_begun_is_to_begin(files, tmp_path):
+    (tmp_path / "empty").mkdir()
+    fresh = train(CONFIG, files, [], tmp_path / "fresh")
+    assert train(CONFIG, files, [], tmp_path / "empty", resume=True)["loss"] == fresh["loss"]
+    assert train(CONFIG, files, [], tmp_path / "new", resume=True)["steps"] == 5
+
+
 def test_what_holds_a_network_alone_cannot_be_resumed(clock, files, tmp_path):
     train(CONFIG, files, [], tmp_path)
     (tmp_path / "last.safetensors").write_bytes((tmp_path / "model.safetensors").read_bytes())

@@ -11,6 +11,7 @@ import pytest
 import fidelity
 from datagen.files.trajectory import read_trajectory, write_trajectory
 from learning import verbs
+from learning.config import TrainConfig
 from tests.synthetic import bending
 
 
@@ -100,10 +101,23 @@ def training(monkeypatch, tmp_path):
 
 def test_train_takes_both_splits_and_says_the_error_in_mm(training, capsys):
     arguments = ("train", "c.toml", "--data", training.data, "--out", training.out)
-    assert spoken(capsys, *arguments) == [f"40 steps in 62 s, loss 0.1235, validation error 0.250 mm: {training.out}"]
+    assert spoken(capsys, *arguments) == [
+        "40 steps in 62 s, loss 0.1235, best validation error 0.250 mm (RMSE of whole rollouts over 1 validation trajectory, free nodes): "
+        f"{training.out}"]
     assert training.given == ("config of c.toml", [f"{training.data}/train"], [f"{training.data}/valid"], training.out)
     assert training.named == {"steps": None, "resume": False}
     assert told(capsys, *arguments, "--steps", "7", "--resume") == RESULT and training.named == {"steps": 7, "resume": True}
+
+
+def test_the_seconds_of_a_training_go_before_those_of_its_config(training, capsys, monkeypatch):
+    monkeypatch.setattr("learning.config.load_config", lambda path: TrainConfig(budget_seconds=9.0, tau=0.25))
+    arguments = ("train", "c.toml", "--data", training.data, "--out", training.out)
+    spoken(capsys, *arguments, "--seconds", "2.5")
+    assert training.given[0] == TrainConfig(budget_seconds=2.5, tau=0.25)
+    spoken(capsys, *arguments)
+    assert training.given[0] == TrainConfig(budget_seconds=9.0, tau=0.25)
+    for wrong in ("0", "-1", "nan", "inf", "soon"):
+        assert "not a number of seconds above 0" in refused(capsys, *arguments, "--seconds", wrong)
 
 
 def test_train_without_validation_says_no_error(training, capsys):
@@ -192,7 +206,7 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert told(capsys, "pareto", "press.toml") == {"summary": "words"}
     assert called.given == ("press.toml", [], Path("pareto"))
     del called.named["say"]
-    assert called.named == {"count": 5, "split": "test", "refined": None, "repeats": 3}
+    assert called.named == {"count": 5, "split": "test", "refined": None, "repeats": 3, "predictions": [], "functions": [], "only": []}
     spoken(
         capsys,
         "pareto",
@@ -217,8 +231,13 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     called.named["say"]("a line")
     assert capsys.readouterr().out == "a line\n"
     del called.named["say"]
-    assert called.named == {"count": 9, "split": "train", "refined": 0, "repeats": 1}
+    assert called.named == {"count": 9, "split": "train", "refined": 0, "repeats": 1, "predictions": [], "functions": [], "only": []}
+    spoken(capsys, "pareto", "press.toml", "--prediction", "f", "--predictor", "m:f", "mine", "--prediction", "g", "n", "2",
+           "--only", "trivial, fe")
+    assert called.named["predictions"] == [["f"], ["g", "n", "2"]] and called.named["functions"] == [["m:f", "mine"]]
+    assert called.named["only"] == ["trivial", "fe"]
     spoken(capsys, "pareto", "press.toml")
+    assert called.named["predictions"] == called.named["functions"] == called.named["only"] == []
     assert called.given[1] == []  # what one call was given is no default of the next
 
 

@@ -209,7 +209,7 @@ def test_residuals_are_what_is_missing_over_scale_and_inertia():
 
 
 def test_clusters_are_runs_of_neighbours_and_the_zeros_one_of_their_own():
-    assert clusters(np.array([3.0, 4, 8, 10, 14]), gap=0.25) == (range(0, 2), range(2, 4), range(4, 5))  # 1 of 4 is within, 4 of 14 not
+    assert clusters(np.array([3.0, 3.06, 8, 8.16, 8.33])) == (range(0, 2), range(2, 4), range(4, 5))  # 0.17 of 8.33 is not within
     assert clusters(np.array([-1e-9, 0, 1e-6, 5, 5, 9]), 3) == (range(0, 3), range(3, 5), range(5, 6))
     assert clusters(np.array([4.9, 5, 5]), 2) == (range(0, 2), range(2, 3))  # what is zero is said, not guessed
     assert clusters(np.array([1.0, 1.02, 1.0406, 1.063])) == (range(0, 3), range(3, 4))  # 2 % of the upper one

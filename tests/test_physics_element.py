@@ -183,7 +183,7 @@ def test_squeezed_across_its_prisms_it_gives_way_earlier_and_says_so():
     scene = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [5, 5, 5], "element": "reduced"},
                  support=[{"where": "z-min", "fixed": "xyz"}], steps={"count": 20},
                  obstacle={"shape": "half-space", "normal": [0.0, 0.0, -1.0], "path": [[0.0, 0.0, 0.02], [0.0, 0.0, 0.01]]})
-    solution = solve(scene)
+    solution = solve(scene, partial=True)
     assert "unstable" in solution.failure
     assert 0.4 < (len(solution.displacement) - 1) / 40 < 0.5  # what it was squeezed by when it gave way
 

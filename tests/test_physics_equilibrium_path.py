@@ -203,7 +203,10 @@ def test_a_path_that_failed_says_at_which_step_and_keeps_those_before(monkeypatc
         return self._append(State(fraction, np.full_like(self.states[-1].u, 1e-4), self.states[-1].pressure))
 
     monkeypatch.setattr(LoadPath, "advance", fail)
-    solution = solve(bent())
+    with pytest.raises(NoEquilibrium, match="^no equilibrium at step 3: of no use$") as raised:
+        solve(bent())
+    assert np.array_equal(raised.value.solution.displacement, solve(bent(), partial=True).displacement)
+    solution = solve(bent(), partial=True)
     assert solution.failure == "no equilibrium at step 3: of no use" and len(solution.displacement) == 3
 
 

@@ -7,11 +7,11 @@ import meshio
 import numpy as np
 import pytest
 
-from physics.mesh.boxes import faces
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.files import write_mesh
 from physics.mesh.mesh import Mesh, closure, pieces, rows_in, unique_edges
+from physics.mesh.shapes.boxes import faces
 from physics.scene import Body, read_body
 from physics.schema import InputError
 

@@ -6,6 +6,7 @@ import pytest
 
 from physics.mesh import files as meshfile
 from physics.mesh.files import read_mesh
+from physics.mesh.formats.others import of_meshio
 from physics.schema import InputError
 
 CUBE = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], float)
@@ -19,7 +20,7 @@ MORE = {"triangle": "triangle6", "quad": "quad9", "tetra": "tetra10", "wedge": "
 def read(monkeypatch):
     """`read_mesh` of a mesh in memory."""
     def of(points, blocks, order=1, **more):
-        monkeypatch.setattr(meshfile, "_read", lambda path: meshio.Mesh(points, blocks, **more))
+        monkeypatch.setattr(meshfile, "_read", lambda path: of_meshio(meshio.Mesh(points, blocks, **more)))
         return read_mesh("a.msh", order=order)
     return of
 
@@ -36,9 +37,12 @@ def test_cells_stay_as_they_are_and_those_inside_out_are_mirrored(read, kind):
     cell, nodes = CELLS[kind]
     found = read(CUBE, [(kind, [nodes])])
     assert found.cell == cell and len(found.points) == len(nodes) and np.array_equal(found.points[found.cells[0]], CUBE[nodes])
-    assert found.remarks == () and found.places == {} and found.parts == {}
+    idle = len(CUBE) - len(nodes)
+    assert found.remarks == ((f"{idle} nodes of no cell left out",) if idle else ()) and found.places == {} and found.parts == {}
     mirror = CUBE * (-1, 1, 1)
     over = read(mirror, [(kind, [nodes, nodes])])
+    assert len(over.cells) == 1 and over.remarks[0] == "1 cells are listed twice and taken once"
+    assert "1 of 1 cells were inside out and have been turned" in over.remarks
     swapped = {"triangle": [0, 2, 1], "quad": [0, 3, 2, 1], "tetra": [0, 2, 1, 3], "wedge": [0, 2, 1, 3, 5, 4],
                "hexahedron": [0, 3, 2, 1, 4, 7, 6, 5]}[kind]
     for row in over.cells:
@@ -56,7 +60,8 @@ def test_of_cells_of_second_order_the_corners_are_kept(read, kind):
     points = np.concatenate([CUBE, np.full((extra, 3), 0.5) * (1, 1, cell not in ("triangle", "quadrilateral"))])
     found = read(points, [(MORE[kind], [nodes + list(range(8, 8 + extra))])])
     assert found.cell == cell and np.array_equal(found.points[found.cells[0]], CUBE[nodes])
-    assert found.remarks == ("cells of second order: their sides are taken as straight",)
+    more = "" if cell == "prism" else "; order = 2 keeps them curved"
+    assert found.remarks[-1] == f"cells of second order: their sides are taken as straight{more}"
 
 
 @pytest.mark.parametrize("kind", CELLS)
@@ -103,7 +108,7 @@ def test_nodes_that_are_not_there_or_nowhere_are_refused(read):
         if ok:
             assert len(read(CUBE, blocks).cells) == 1
         else:
-            refused(read, "a cell names a node that is not there", CUBE, blocks)
+            refused(read, "cell 0 of 1 names a node that is not there", CUBE, blocks)
     for value in (np.nan, np.inf):
         points = CUBE.copy()
         points[6, 1] = value
@@ -148,11 +153,14 @@ def test_sets_of_cells_and_of_points(read):
     found = read(far, blocks, cell_sets={"some": [np.array([1]), np.array([0])], "gmsh:bounding": [np.array([0]), np.array([0])],
                                          "none": [np.array([], int), None], "faces": [None, np.array([1])]},
                  point_sets={"ends": np.array([6, 0, 6]), "outside": np.array([8, 5]), "half": np.array([8, 4]), "some": np.array([0])})
-    # Nodes 0, 1, 2, 3, 4, 6 are used and become 0 .. 5; a set of cells goes before one of points of the same name.
+    # Nodes 0, 1, 2, 3, 4, 6 are used and become 0 .. 5; one name that stands for cells and for other nodes stands for neither.
     assert {name: nodes.tolist() for name, nodes in found.places.items()} == {
-        "some": [0, 1, 2, 3, 5], "faces": [1, 2, 3], "ends": [0, 5], "half": [4]}
-    assert set(found.parts) == {"some", "faces"} and found.remarks == ()
-    assert [(kind, rows.tolist()) for kind, rows in found.parts["some"]] == [("tetrahedron", [[1, 2, 3, 5]]), ("triangle", [[0, 1, 3]])]
+        "region-some": [0, 1, 2, 3, 5], "nodes-some": [0], "faces": [1, 2, 3], "ends": [0, 5], "half": [4]}
+    assert found.mixed == {"some": ("nodes-some", "region-some")} and set(found.parts) == {"region-some", "faces"}
+    assert found.remarks == ("3 nodes of no cell left out", "no node of 'outside' belongs to the body",
+                             "1 of 2 nodes of 'half' belong to no cell of the body")
+    assert [(kind, rows.tolist()) for kind, rows in found.parts["region-some"]] == [("tetrahedron", [[1, 2, 3, 5]]),
+                                                                                    ("triangle", [[0, 1, 3]])]
 
 
 def test_what_meshio_cannot_read_is_told_in_one_line(tmp_path, capfd):

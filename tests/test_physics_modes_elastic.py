@@ -269,7 +269,7 @@ def test_effective_masses_add_up_to_the_free_mass():
 def test_a_cut_cluster_is_said_and_a_whole_one_is_not():
     scene = beam(body={**SLENDER, "cells": [10, 2, 2], "cell": "hexahedron"})
     cut, whole = (elastic_modes(scene, count=count) for count in (1, 2))
-    assert any("is cut" in text for text in cut.remarks) and not whole.remarks
+    assert any("is cut" in text for text in cut.remarks) and not any("is cut" in text for text in whole.remarks)
     assert whole.clusters == (range(0, 2),)
     assert any("6 zeros" in text for text in elastic_modes(dataclasses.replace(scene, support=()), count=4).remarks)
 

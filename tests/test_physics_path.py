@@ -2,13 +2,16 @@
 
 import dataclasses
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from datagen.family.family import draw, load_family
+from physics import solution as solution_module
 from physics.equilibrium.balance import cell_size
 from physics.equilibrium.newton import TOLERANCE
+from physics.equilibrium.state import NoEquilibrium
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from physics.solution import solve
@@ -93,7 +96,7 @@ def test_what_cannot_be_solved_fails_clearly_and_keeps_what_was(monkeypatch):
     scene = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [2, 2, 2]},
                  support=[{"where": "z-min", "fixed": "xyz"}, {"where": "z-max", "fixed": "xyz", "displacement": [0.0, 0.0, -0.03]}],
                  steps={"count": 6})
-    solution = solve(scene)
+    solution = solve(scene, partial=True)
     assert solution.failure.startswith("no equilibrium at step")
     assert "halvings" in solution.failure and "\n" not in solution.failure
     reached = len(solution.displacement) - 1
@@ -188,3 +191,54 @@ def test_the_obstacle_cannot_jump_through_the_body(count):
     solution = solve(pressed(obstacle=down, steps={"count": count}))
     assert not solution.failure and solution.snap.max() > 0.01
     assert abs(solution.displacement[-1]).max() < 1e-9  # free again
+
+
+@pytest.mark.parametrize("scene", [pressed(), beam(load=[{"acceleration": [0.0, 0.0, -98.1]}], steps={"count": 30})],
+                         ids=["under a cylinder", "under its weight"])
+def test_of_the_final_state_alone_the_steps_are_its_own_choice_and_fewer(scene):
+    whole, final = solve(scene), solve(scene, final=True)
+    assert len(final.displacement) < len(whole.displacement) / 3 and final.newton_iterations.sum() < whole.newton_iterations.sum()
+    size = abs(whole.displacement[-1]).max()
+    assert size > 1e-3 and abs(final.displacement[-1] - whole.displacement[-1]).max() < 1e-5 * size
+    assert final.reaction[-1] == pytest.approx(whole.reaction[-1], rel=1e-4, abs=1e-6)
+    assert repr(final).startswith("Solution(4 steps of Mesh(325 nodes, 384 prism cells, places x-min, ")
+    assert "\n" not in repr(final) and len(repr(final)) < 200 and "\n" not in repr(final.mesh)
+
+
+def test_a_final_state_beyond_a_snap_is_found_in_the_steps_of_the_scene(monkeypatch):
+    """Four steps fail, sixteen snap: then all twenty are taken, and what they end in is given."""
+    asked = []
+
+    def way(scene, *how):
+        asked.append(scene.steps.count)
+        return Stub(scene.steps.count)
+
+    class Stub:
+        newton, halvings, linear_steps, balance = SimpleNamespace(factorisations=0), 0, 0, None
+
+        def __init__(self, count):
+            self.count, self.at = count, 0.0
+
+        def advance(self, fraction):
+            if self.count == 4 and fraction == 0.5:
+                raise NoEquilibrium("lost")
+            self.at = fraction
+
+        def frame(self):
+            rows = dict.fromkeys(("energy", "penetration", "newton_iterations", "relative_residual", "released"), np.float64(0))
+            return rows | {"displacement": np.full((8, 3), self.at), "reaction": np.zeros(3), "snap": np.float64(self.at == 0.5)}
+
+        def model(self):
+            return {}
+
+    monkeypatch.setattr(solution_module, "_way", way)
+    scene = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [1, 1, 1]}, steps={"count": 20})
+    found = solve(scene, final=True)
+    assert asked == [4, 16, 20] and found.displacement[-1, 0, 0] == 1.0 and len(found.displacement) == 21
+    asked.clear()
+    few = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [1, 1, 1]}, steps={"count": 2})
+    with pytest.raises(NoEquilibrium, match="lost"):
+        solve(few, final=True)
+    assert asked == [4]
+    with pytest.raises(InputError, match="final: for slow loading"):
+        solve(replace(scene, steps=replace(scene.steps, dynamic=True, duration=1.0)), final=True)

@@ -8,13 +8,15 @@ from scipy.linalg import cho_solve
 
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
 from learning.samples.estimate import estimator_of
-from physics.contact.conditions import ContactSurface
+from physics.contact.conditions import ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
+from physics.reduced import quasistatic as module
 from physics.reduced.elastic import Elastic
 from physics.reduced.pose import Press, Pressed, _factor, _rotation
 from physics.reduced.quasistatic import Estimator, _loads
+from physics.reduced.space import Reduced
 from physics.scene import Body, read_scene
 from physics.schema import InputError
 
@@ -122,29 +124,52 @@ def test_what_an_estimator_knows_of_its_scene(monkeypatch):
     assert not (estimator.surface.positions(estimator.mesh.points)[:, 0] < 1e-9).any()  # what is held is not in contact
 
 
+def press_of(trajectory):
+    """The body of a trajectory in a space of three functions of no meaning, and its obstacle."""
+    scene, mesh, held = read_scene(TABLE), trajectory.mesh, trajectory.node_kind[trajectory.body] == HANDLE
+    elastic, rigid = Elastic(mesh, held, scene.material), Rigid(scene.obstacle)
+    vectors = np.random.default_rng(0).normal(size=(3, elastic.size)) * ~elastic.held
+    return Press(mesh, cell_size(mesh), ContactSurface(mesh, "facets", held), rigid, elastic, Reduced(elastic, vectors))
+
+
 def test_what_a_pressed_body_knows_of_its_contact():
-    press = estimator_of(unsolved())._press
+    press = press_of(unsolved())
     assert press.size == pytest.approx(0.01) and press._tolerance == pytest.approx(6e-8)  # 1e-6 of the length of 60 mm
     # of exact contact the inverse of a stiffness of 2e4 moduli over a cell, times the area
     np.testing.assert_allclose(press._softness, 0.01 / 2e4 / press.surface.area)
 
 
-def test_stops_are_frames_a_stride_apart():
+def on_path(centres, overlaps, size=1.0):
     estimator = Estimator.__new__(Estimator)
-    estimator._way = np.array([0.0, 0, 1, 2, 3, 4, 5, 9])
-    assert estimator._stops(0, 6, 2.0) == [2, 4, 6]  # 5 of way: three parts of two frames
-    assert estimator._stops(0, 6, 2.5) == [3, 6]
-    assert estimator._stops(1, 2, 10.0) == [2]
-    assert estimator._stops(2, 6, 1.0) == [3, 4, 5, 6]
-    assert estimator._stops(6, 7, 0.5) == [7]
-    assert estimator._stops(0, 1, 1.0) == [1]  # no way at all
+    estimator.centres, estimator.overlaps, estimator.size = np.array(centres, float), np.array(overlaps, bool), size
+    estimator._way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(estimator.centres, axis=0), axis=1))])
+    return estimator
+
+
+def test_poses_are_closer_where_contact_begins_or_ends(monkeypatch):
+    monkeypatch.setattr(module, "POSES", 4)
+    monkeypatch.setattr(module, "GRADED", 2.0)
+    line = np.arange(17)[:, None] * [0, 0, 0.01]
+    pressing, leaving = on_path(line, np.arange(17) > 0), on_path(line, np.arange(17) < 16)
+    assert pressing._poses(0, 16).tolist() == [0, 1, 4, 9, 16]  # the squares of quarters
+    assert leaving._poses(0, 16).tolist() == [0, 7, 12, 15, 16]
+    assert pressing._poses(4, 8).tolist() == [4, 5, 7, 8]  # 1/4, 1, 9/4 and 4 frames on, the first frames that are there
+    far = on_path(10 * line, np.arange(17) > 0)  # of 1.6 cells no fifth may be passed over, at the end, where poses lie farthest apart
+    assert np.diff(far._way[far._poses(0, 16)]).max() <= 0.2 + 1e-9
+
+
+def test_parts_of_a_path_end_where_it_turns_and_where_overlap_begins_or_ends():
+    corner = [[0, 0, 3], [0, 0, 2], [0, 0, 1], [0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 0, 0], [2, 0, 1], [2, 0, 2], [2, 0, 3]]
+    estimator = on_path(corner, [0, 0, 1, 1, 1, 1, 1, 1, 0, 0], size=100.0)
+    # from the last frame without overlap to the corner, to where it stands still and turns, to the first frame without, to the end
+    assert [part.tolist() for part in estimator._pieces(1)] == [[1, 2, 3], [3, 4, 5], [6, 7, 8], [8, 9]]
 
 
 def plain(trajectory, frame):
     """The linear problem of the frame without any small space: forces p at points of contact by projected Gauss and Seidel."""
     scene, mesh = read_scene(TABLE), trajectory.mesh
     held = trajectory.node_kind[trajectory.body] == HANDLE
-    elastic, rigid = Elastic(mesh, held, "linear", 0.3), Rigid(scene.obstacle)
+    elastic, rigid = Elastic(mesh, held, scene.material), Rigid(scene.obstacle)
     surface = ContactSurface(mesh, "facets", held)
     gap, normal = rigid.gap(surface.positions(mesh.points), rigid.path[0] + trajectory.displacement[frame, -1])
     g = np.einsum("qn,qi->qni", surface.weights.toarray(), normal).reshape(len(gap), -1)
@@ -163,8 +188,8 @@ def test_a_small_dent_is_that_of_the_linear_problem():
     trajectory = unsolved()
     found, answer = estimator_of(trajectory).frames([1, 2, 3, 4])
     assert not found[:2].any() and not answer[:2].any()  # 0.05 mm short of touching, and more
-    # turned by some 7e-3; frame 4 is a pose at which the law itself is evaluated, frame 3 is interpolated between it and rest
-    for row, frame, close in ((2, 3, 3e-2), (3, 4, 2e-4)):
+    # turned by some 7e-3
+    for row, frame, close in ((2, 3, 2e-4), (3, 4, 2e-4)):
         expected, p = plain(trajectory, frame)
         assert (p > 0).sum() > 1 and abs(expected).max() > 4e-5
         assert abs(found[row] - expected).max() < close * abs(expected).max()
@@ -174,41 +199,24 @@ def test_a_small_dent_is_that_of_the_linear_problem():
 def test_an_obstacle_that_never_touches_leaves_all_at_rest():
     trajectory = unsolved(centres=np.array([[0.06, 0.02, 0.02025], [0.06, 0.02, 0.0201], [0.06, 0.02, 0.0203]]))
     estimator = estimator_of(trajectory)
-    assert not estimator.overlaps.any() and not hasattr(estimator, "_press")
+    assert not estimator.overlaps.any() and not estimator._parts
     found, answer = estimator.frames([1, 2])
     assert found.shape == answer.shape == (2, len(trajectory.mesh.points), 3) and found.dtype == answer.dtype == np.float32
     assert not found.any() and not answer.any()
 
 
-def test_normals_turn_as_the_curvature_of_a_cylinder_says():
-    press = Press.__new__(Press)
-    press.size, axis = 0.005, np.array([0.0, 1, 0])
-    cylinder = {"shape": "cylinder", "radius": 0.01, "path": [[0, 0, 0.1], [0, 0, 0]]}
-    press.obstacle = Rigid(read_scene({**TABLE, "obstacle": cylinder}).obstacle)
-    centre, points = np.array([0.01, 0.02, 0.03]), np.array([[0.02, 0.05, 0.04], [0.01, 0.0, 0.018]])
-    for found, point in zip(press._turning(points, centre), points, strict=True):
-        offset = (point - centre) * [1, 0, 1]
-        distance = np.linalg.norm(offset)
-        expected = (np.eye(3) - np.outer(axis, axis) - np.outer(offset, offset) / distance**2) / distance
-        np.testing.assert_allclose(found, expected, atol=1e-7 / distance)  # second order of steps of 5e-7 m on 1e-2 m: 1e-9
-
-
-def test_answers_of_nodes_are_columns_of_the_inverse_beyond_the_space():
-    press = estimator_of(unsolved())._press
-    press = press.within(press.model)  # nothing is known yet
-    elastic, space = press.elastic, press.model.space
+def test_the_compliance_of_nodes_is_columns_of_the_inverse():
+    elastic = press_of(unsolved()).elastic
     free = ~elastic.held
     whole = np.zeros((elastic.size, elastic.size))
     whole[np.ix_(free, free)] = np.linalg.inv(elastic.stiffness.toarray()[np.ix_(free, free)])
-    whole -= space @ space.T
-    solved = []
+    solved, rows = [], np.array([70, 3, 25])
     solve = elastic.solve
     elastic.solve = lambda force: solved.append(force.shape[1]) or solve(force)
     for nodes, new in (([20, 7], 2), ([7, 20, 31], 1), ([31, 7], 0), ([5], 1)):
-        nodes = np.array(nodes)
-        columns = press._columns(nodes)
-        components = (3 * nodes[:, None] + np.arange(3)).ravel()
-        np.testing.assert_allclose(press._answers[:, columns], whole[:, components], atol=1e-9 * abs(whole).max())
+        found = elastic.compliance(rows, np.array(nodes))
+        columns = (3 * np.array(nodes)[:, None] + np.arange(3)).ravel()
+        np.testing.assert_allclose(found, whole[np.ix_(rows, columns)], atol=1e-9 * abs(whole).max())
         assert sum(solved) == 3 * new
         solved.clear()
 
@@ -217,20 +225,14 @@ def test_answers_of_nodes_are_columns_of_the_inverse_beyond_the_space():
     {"load": [{"where": "x-max", "traction": [0, 0, 1.0]}]},
     {"support": [{"where": "x-min", "fixed": "xy"}]},
     {"support": [{"where": "x-min"}, {"where": "x-max", "displacement": [0, 0, 1e-3]}]},
-    {"body": {**TABLE["body"], "element": "mean-dilatation"}},
     {"steps": {"count": 4, "duration": 0.1, "dynamic": True}},
     {"obstacle": None},
 ])
 def test_scenes_of_other_kinds_are_refused(changes):
     trajectory = unsolved()
     table = {key: value for key, value in {**TABLE, **changes}.items() if value is not None}
-    try:
-        text = read_scene(table).to_toml()
-    except InputError as error:
-        if "element" not in str(error):
-            raise
-        text = trajectory.scene.replace('[body]', '[body]\nelement = "bubble"')
-    with pytest.raises(InputError, match="estimates, which know clamped bodies"):
+    text = read_scene(table).to_toml()
+    with pytest.raises(InputError, match="knows clamped bodies pressed by an obstacle alone"):
         estimator_of(replace(trajectory, scene=text))
     with pytest.raises(InputError, match="holds no scene"):
         estimator_of(replace(trajectory, scene=""))
@@ -246,11 +248,11 @@ def test_a_state_far_from_the_pose_is_reached_in_halves():
         asked.append((float(state.centre[0]), float(centre[0])))
         return replace(state, centre=centre, q=state.q + 1)
 
-    press._newton = newton
+    press.newton = newton
     found = press.advance(np.array([2.0, 0, 0]), start, np.zeros(1))
     assert asked == [(0, 1), (1, 2)] and found.q[0] == 2
     asked.clear()
-    press._newton = lambda centre, state, c: asked.append(1)
+    press.newton = lambda centre, state, c: asked.append(1)
     found = press.advance(np.array([1.0, 0, 0]), start, np.zeros(1))
     assert found.centre[0] == 1 and found.q[0] == 0
     assert len(asked) == 2 ** 7 - 1  # one, its two halves, .. down to 64 of 2^-6 of the way

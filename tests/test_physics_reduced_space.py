@@ -7,7 +7,7 @@ from physics.mesh.build import build_mesh
 from physics.reduced import space as module
 from physics.reduced.elastic import Elastic
 from physics.reduced.space import Reduced, derivatives
-from physics.scene import Body
+from physics.scene import Body, Material
 
 NU = 0.3
 LAMBDA, MU = 0.3 / (1.3 * 0.4), 1 / 2.6  # of Young's modulus 1
@@ -20,7 +20,7 @@ def elastic():
     mesh = build_mesh(Body(length=SIDES[0], width=SIDES[1], height=SIDES[2], cells=(3, 1, 1), cell="prism"))
     held = np.zeros(len(mesh.points), bool)
     held[mesh.places["x-min"]] = True
-    found = Elastic(mesh, held, "saint-venant-kirchhoff", NU)
+    found = Elastic(mesh, held, Material(young_modulus=7.0, poisson_ratio=NU, law="saint-venant-kirchhoff"))
     found.points = mesh.points
     return found
 

@@ -37,6 +37,7 @@ WRONG = {
     "missing key": ("length = 0.1", "", "body.length: missing"),
     "missing table": ("[material]\nyoung_modulus = 1e6\npoisson_ratio = 0.4", "", "material: missing"),
     "unknown key": ("length = 0.1", "lenght = 0.1", "body.lenght: unknown key; did you mean 'length'?"),
+    "key of another shape": ("length = 0.1", "file = 'a.msh'", "body.file: unknown key; body takes shape, length, width,"),
     "unknown table": ("[steps]", "[stepz]", "stepz: unknown key; did you mean 'steps'?"),
     "wrong type": ("length = 0.1", 'length = "long"', "body.length must be a number, not a string"),
     "not whole": ("count = 2", "count = 2.5", "steps.count must be an integer, not a number"),
@@ -71,6 +72,21 @@ WRONG = {
     "load of both kinds": ("[steps]", '[[load]]\nwhere = "x-max"\ntraction = [0, 0, 1]\nacceleration = [0, 0, 1]\n[steps]', "exactly one"),
     "load nowhere": ("[steps]", "[[load]]\ntraction = [0, 0, 1]\n[steps]", "needs a where"),
     "not TOML": ("[body]", "[body", "not a TOML file"),
+    "400 digits": ("length = 0.1", f"length = 1{'0' * 400}", "body.length = (an integer of 1329 bits): must be finite"),
+    "400 digits where a whole number is": ("count = 2", f"count = 1{'0' * 400}", "an integer of 1329 bits): must be at most 1e+06"),
+    "5000 digits": ("count = 2", f"count = 1{'0' * 5000}", "not a TOML file"),
+    "5000 hexadecimal digits": ("count = 2", f"count = 0x1{'0' * 5000}", "an integer of 20001 bits"),
+    "20 000 brackets": ('name = "press"', f"name = {'[' * 20_000}", "nested too deeply"),
+    "a byte-order mark": ('\nname = "press"', '\ufeffname = "press"', "begins with a byte-order mark"),
+    "an axis of next to nothing": ("radius = 0.01", "radius = 0.01\naxis = [0, 1e-300, 0]", "length must be from 1e-9 to 1e9"),
+    "an axis beyond everything": ("radius = 0.01", "radius = 0.01\naxis = [0, 1e300, 1e300]", "length must be from 1e-9 to 1e9"),
+    "an astronomical path": ("[0.08, 0.01, 0.03]]", "[0.08, 0.01, 1e300]]", "obstacle.path = 1e+300: must be at most 1e+09 m"),
+    "a path to the moon": ("[0.08, 0.01, 0.03]]", "[0.08, 0.01, 1e9]]", "times what the obstacle may move at once"),
+    "an astronomical load": ("[steps]", '[[load]]\nwhere = "x-max"\ntraction = [0, 0, 1e300]\n[steps]', "must be at most 1e+18 Pa"),
+    "a load far stronger than the body": ("[steps]", '[[load]]\nwhere = "x-max"\ntraction = [0, 0, 1e15]\n[steps]',
+                                          "times Young's modulus"),
+    "a weight far stronger than the body": ("[steps]", "[[load]]\nacceleration = [0, 0, -1e17]\n[steps]", "times Young's modulus"),
+    "a name of 300 letters": ('name = "press"', f'{"n" * 300} = "press"', "unknown key"),
 }
 
 
@@ -113,3 +129,16 @@ def test_from_the_shell(tmp_path):
     run = subprocess.run([sys.executable, ROOT / "fidelity.py", "modes", tmp_path / "scene.toml"], capture_output=True, text=True)
     assert run.returncode == 2 and run.stdout == ""
     assert run.stderr == f"fidelity: {tmp_path / 'scene.toml'}: body.length = -0.1: must be above 0 m\n"
+
+
+def test_file_names_that_are_too_long_are_wrong_input(tmp_path, capsys):
+    import fidelity
+
+    (tmp_path / "scene.toml").write_text(GOOD)
+    long = tmp_path / ("n" * 300)
+    for command in (["modes", f"{long}.toml"], ["simulate", tmp_path / "scene.toml", "--out", f"{long}.vtkhdf"],
+                    ["verify", long, "--reference", long], ["dataset", "unpack", long, "--out", tmp_path / "x"],
+                    ["dataset", "check", long]):
+        assert fidelity.main([str(word) for word in command]) == 2
+        assert capsys.readouterr().err.count("File name too long") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]

@@ -34,7 +34,8 @@ def test_every_default():
         "name": "scene",
         "body": {"shape": "beam", "length": 0.1, "width": 0.02, "height": 0.02, "cells": (4, 2, 2), "cell_size": None, "cell": "prism",
                  "order": 1,
-                 "element": "standard", "path": None, "hole_centre": None, "hole_radius": None, "plane": None, "thickness": None},
+                 "element": "standard", "path": None, "scale": None, "hole_centre": None, "hole_radius": None, "plane": None,
+                 "thickness": None},
         "material": {"law": "neo-hookean", "young_modulus": 1e6, "poisson_ratio": 0.4, "density": 1000.0},
         "support": ({"where": "x-min", "fixed": "xyz", "displacement": (0.0, 0.0, 0.0)},),
         "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False},),
@@ -77,7 +78,7 @@ BOUNDS += [
     ("material", "poisson_ratio", -0.999, -1.0, "above -1"), ("material", "poisson_ratio", 0.4999, 0.5, "below 0.5"),
     ("material", "density", 1e-12, 9.9e-13, "at least 1e-12 kg/m3"), ("material", "density", 1e12, 1.01e12, "at most 1e+12 kg/m3"),
     ("material", "density", 1.0, 0.0, "above 0 kg/m3"),
-    ("obstacle", "radius", 1e-12, -1e-12, "at least 0 m"),
+    ("obstacle", "radius", 1e-9, -1e-12, "at least 0 m"), ("obstacle", "radius", 1e-9, 0.9e-9, "at least 1e-09 m"),
     ("steps", "count", 1, 0, "at least 1"), ("steps", "count", 1_000_000, 1_000_001, "at most 1e+06"),
     ("steps", "duration", 1e-9, 9.9e-10, "at least 1e-09 s"), ("steps", "duration", 1e9, 1.01e9, "at most 1e+09 s"),
     ("steps", "duration", 1.0, 0.0, "above 0 s"),
@@ -93,12 +94,13 @@ def test_every_bound_from_both_sides(table, key, inside, outside, words):
     assert str(caught.value).startswith(f"{table}.{key} = ") and str(caught.value).endswith(f": must be {words}")
 
 
-@pytest.mark.parametrize("table, key, unit", [("body", "hole_centre", "m"), ("support", "displacement", "m"), ("load", "traction", "Pa"),
-                                              ("load", "acceleration", "m/s2"), ("obstacle", "path", "m"), ("steps", "velocity", "m/s")])
-def test_units_of_what_has_no_bounds(table, key, unit):
+@pytest.mark.parametrize("table, key, unit, far", [
+    ("body", "hole_centre", "m", 1e9), ("support", "displacement", "m", 1e9), ("load", "traction", "Pa", 1e18),
+    ("load", "acceleration", "m/s2", 1e18), ("obstacle", "path", "m", 1e9), ("steps", "velocity", "m/s", 1e9)])
+def test_units_of_what_has_two_signs_and_bounds_that_nobody_reaches(table, key, unit, far):
     kind = {"body": module.Body, "support": module.Support, "load": module.Load, "obstacle": module.Obstacle, "steps": module.Steps}[table]
     bound = next(field for field in dataclasses.fields(kind) if field.name == key).metadata["bound"]
-    assert bound.unit == unit and (bound.above, bound.below, bound.at_least, bound.at_most) == (None,) * 4
+    assert bound.unit == unit and (bound.above, bound.below, bound.at_least, bound.at_most) == (None, None, -far, far)
 
 
 @pytest.mark.parametrize("table, key, known", [
@@ -139,7 +141,7 @@ def test_extent_divisions_and_places():
     (BEAM | {"shape": "plate", "plane": "stress"}, "body.plane: a plate takes length, width, height"),
     ({"shape": "channel", "width": 1.0}, "body.width: a channel takes length, height, hole_centre"),
     ({"shape": "channel", "cells": [1, 1]}, "body.cells: a channel takes"),
-    ({"shape": "file", "path": "a", "length": 1.0}, "body.length: a file takes path, shape, order, element, plane, thickness"),
+    ({"shape": "file", "path": "a", "length": 1.0}, "body.length: a file takes path, scale, shape, order, element, plane, thickness"),
     ({"shape": "file"}, "body.path: missing"), (without(BEAM, "width"), "body.width: missing"),
     (without(BEAM, "height"), "body.height: missing"),
     (without(PLATE, "width"), "body.width: missing"),
@@ -275,3 +277,18 @@ def test_files(tmp_path):
     with pytest.raises(InputError) as caught:
         load_scene(tmp_path / "none.toml")
     assert str(caught.value) == f"{tmp_path / 'none.toml'}: No such file or directory"  # the file's name once only
+
+
+@pytest.mark.parametrize("name, table, takes", [
+    ("body", {"shape": "file", "file": "a.msh"}, "shape, path, scale, order, element, plane, thickness"),
+    ("body", {"lenght": 1}, "shape, length, width, height, cells, cell_size, cell, order, element"),
+    ("body", {"shape": "plate", "cell": "triangle", "x": 1}, "shape, length, width, height, cells, cell_size, cell, order, element, plane, "
+                                                             "thickness"),
+    ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, contact"),
+    ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, contact"),
+    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, path, contact"),
+    ("steps", {"number": 1}, "count, duration, dynamic, velocity")])
+def test_an_unknown_key_lists_those_that_its_shape_takes(name, table, takes):
+    whole = {"body": {"length": 1.0, "width": 1.0, "height": 1.0, "cells": [1, 1, 1]}, "material": {"young_modulus": 1, "poisson_ratio": 0}}
+    with pytest.raises(InputError, match=rf"^{name}\.\w+: unknown key.* {name} takes {takes}$"):
+        read_scene(whole | {name: table})

@@ -1,9 +1,12 @@
 """Tables into dataclasses: every kind of value, every bound from both sides, and the words of every refusal."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from physics.scene import Body, Material, Scene, read_scene
 from physics.schema import Bound, InputError, WorkError, nearest, quantity, read_table, read_toml, to_table
 
 
@@ -75,8 +78,8 @@ def test_every_refusal_says_where_and_what():
     with pytest.raises(InputError, match="^inner: missing$"):
         read_table(Outer, {})
     refused("inner.number: missing", inner={})
-    refused("inner.nmber: unknown key; did you mean 'number'?", inner={"nmber": 1})
-    refused("qqqq: unknown key", qqqq=1)
+    refused("inner.nmber: unknown key; did you mean 'number'? inner takes word, number", inner={"nmber": 1})
+    refused("qqqq: unknown key; the file takes " + ", ".join(field.name for field in fields(Outer)), qqqq=1)
     refused("inner must be a table, not a number", inner=1.5)
     with pytest.raises(InputError, match="^the file must be a table, not an array$"):
         read_table(Outer, [])
@@ -123,3 +126,33 @@ def test_the_nearest_word_and_what_an_error_carries():
     assert nearest("widht", iter(["width"])) == "; did you mean 'width'?"
     assert WorkError("no").result is None and WorkError("no", {"a": 1}).result == {"a": 1} and str(WorkError("no")) == "no"
     assert isinstance(InputError("x"), ValueError)
+
+
+def test_numbers_arrays_tuples_and_paths_are_taken_wherever_a_file_has_numbers_and_lists():
+    """As people write them in Python: numpy's numbers and arrays, tuples, a path; the scene is the one of plain lists."""
+    table = {"body": {"length": np.float64(0.06), "width": np.float32(0.25), "height": np.array(0.02), "cells": np.array([12, 4, 4])},
+             "material": {"young_modulus": np.int64(1000000), "poisson_ratio": np.float64(0.4)},
+             "support": ({"where": "x-min", "displacement": (0, np.float64(0.5), 0.0)},),
+             "obstacle": {"shape": "cylinder", "radius": np.float64(0.01), "path": np.array([[0.05, 0.01, 0.03], [0.05, 0.01, 0.02]])},
+             "steps": {"count": np.int32(7), "dynamic": np.bool_(True), "duration": np.float64(2.0)}}
+    plain = {"body": {"length": 0.06, "width": 0.25, "height": 0.02, "cells": [12, 4, 4]},
+             "material": {"young_modulus": 1e6, "poisson_ratio": 0.4},
+             "support": [{"where": "x-min", "displacement": [0.0, 0.5, 0.0]}],
+             "obstacle": {"shape": "cylinder", "radius": 0.01, "path": [[0.05, 0.01, 0.03], [0.05, 0.01, 0.02]]},
+             "steps": {"count": 7, "dynamic": True, "duration": 2.0}}
+    scene = read_scene(table)
+    assert scene == read_scene(plain) and scene.to_toml() == read_scene(plain).to_toml()
+    assert type(scene.obstacle.radius) is float and type(scene.steps.count) is int and type(scene.obstacle.path[0][0]) is float
+    assert read_scene({**plain, "body": {"shape": "file", "path": Path("a") / "b.msh"}}).body.path == "a/b.msh"
+    for key, value, words in (("count", np.float64(7.0), "must be an integer, not a number"), ("count", 0, "at least 1"),
+                              ("duration", np.array([1.0, 2.0]), "must be a number, not an array"),
+                              ("duration", np.float64("nan"), "must be finite")):
+        with pytest.raises(InputError, match=rf"steps\.{key}.* {words}"):
+            read_scene({**plain, "steps": {**plain["steps"], key: value}})
+
+
+def test_numbers_of_numpy_in_a_dataclass_are_written_as_plain_ones():
+    body = Body(length=np.float64(0.06), width=0.02, height=0.02, cells=np.array([12, 4, 4]))
+    scene = Scene(body=body, material=Material(young_modulus=np.float32(2.0), poisson_ratio=0.25))
+    assert Scene.from_toml(scene.to_toml()).body == Body(length=0.06, width=0.02, height=0.02, cells=(12, 4, 4))
+    assert "np." not in scene.to_toml() and "young_modulus = 2.0" in scene.to_toml()

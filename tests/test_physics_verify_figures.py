@@ -213,3 +213,16 @@ def test_a_prediction_that_is_not_finite_is_infinitely_wrong_and_none_of_its_cel
             assert getattr(fidelity, name) == np.inf, name
     assert not np.isfinite(fidelity.rmse_all) and fidelity.rmse_1 == 0
     assert fidelity.inverted_elements == 2 and fidelity.worst_step == 4
+
+
+def test_one_step_of_a_path_that_has_not_begun_to_move_is_no_number():
+    """A prediction that stands still there has done nothing; where the truth moves, or single steps are given, there is one."""
+    scene, mesh, plane = bar()
+    truth = moved(TRUE, plane)
+    late = truth.copy()
+    late[1, plane > 0] = 0
+    how = {"scene": scene, "mesh": mesh, "free": plane > 0, "sample": 1}
+    figures = verify(late, late, **how)
+    assert np.isnan(figures.rmse_1) and np.isnan(figures.rmse_1_pooled) and figures.rmse_all == 0
+    assert verify(truth, truth, **how).rmse_1 == 0 and truth[1, plane > 0].any()
+    assert verify(late, late, one_step=late[1:], **how).rmse_1 == 0

@@ -39,8 +39,8 @@ def test_the_error_is_seen_on_the_prediction_and_not_on_the_truth(tmp_path):
 def test_an_obstacle_is_grey_and_a_far_one_does_not_shrink_the_body(tmp_path):
     triangle = np.array([[0.05, 0, 0.021], [0.09, 0, 0.021], [0.07, 0, 0.05]])
     picture = {}
-    for name, obstacle in {"none": None, "near": view.Obstacle(triangle, np.array([[0, 1, 2]])),
-                           "far": view.Obstacle(triangle + [0, 0, 5], np.array([[0, 1, 2]]))}.items():
+    for name, obstacle in {"none": None, "near": view.ObstacleSurface(triangle, np.array([[0, 1, 2]])),
+                           "far": view.ObstacleSurface(triangle + [0, 0, 5], np.array([[0, 1, 2]]))}.items():
         view.frame_picture(tmp_path / f"{name}.png", MESH, prediction=bent()[0], truth=bent()[0], step=0, steps=5,
                            obstacle=obstacle)
         picture[name] = np.asarray(Image.open(tmp_path / f"{name}.png"))[:-74]

@@ -8,7 +8,7 @@ import pytest
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.scene import Body, Material
-from physics.view.drawing import Obstacle, feature_edges
+from physics.view.drawing import ObstacleSurface, feature_edges
 from physics.view.exhibit import FRAMES, Exhibit, Motion, at_nodes, mode_exhibit, path_exhibit, stored
 
 MESH = build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=(5, 2, 3)))
@@ -76,9 +76,10 @@ def test_an_error_is_kept_as_well_when_it_is_a_millionth_of_the_motion(size):
 def test_figures_are_of_all_nodes_those_inside_included():
     inside = np.setdiff1d(np.arange(len(MESH.points)), np.unique(np.concatenate([part.ravel() for part in MESH.surface])))
     wrong = bent()
-    wrong[4, inside[0]] += [0, 3e-3, 4e-3]
+    wrong[4, inside[0]] += [0, 3e-2, 4e-2]
     content = shown(bent(), wrong)
-    assert content["motions"][1]["curves"]["error"] == pytest.approx([0, 0, 0, 0, 5e-3, 0])
+    assert content["motions"][1]["curves"]["error"] == pytest.approx([0, 0, 0, 0, 5e-2, 0])
+    assert content["motions"][1]["curves"]["displacement"][4] == pytest.approx(np.linalg.norm(wrong[4, inside[0]]), rel=1e-4)
     assert content["motions"][0]["curves"]["error"] == [0] * 6
     assert content["motions"][0]["curves"]["displacement"] == pytest.approx(np.linspace(0, 0.02, 6), rel=1e-4)
     assert not set(array(content["nodes"], "<u4")[:, 0]) & set(inside) and len(inside) == 4 * 1 * 2
@@ -150,7 +151,7 @@ def test_stress_is_told_in_the_unit_without_many_zeros(modulus, unit):
 
 def test_a_long_path_is_thinned_and_its_frames_keep_their_numbers():
     path = bent(1201)
-    ball = Obstacle(np.linspace(0, 1, 1201)[:, None, None] * np.ones((1, 4, 3)), np.array([[0, 1, 2]]))
+    ball = ObstacleSurface(np.linspace(0, 1, 1201)[:, None, None] * np.ones((1, 4, 3)), np.array([[0, 1, 2]]))
     exhibit = path_exhibit("long", MESH, {"fe": path}, RUBBER, obstacle=ball, step_seconds=0.01)
     assert len(exhibit.frames) == FRAMES == 401
     assert exhibit.frames[0] == "step 0 of 1200, 0 s" and exhibit.frames[200] == "step 600 of 1200, 6 s"
@@ -189,7 +190,7 @@ def test_a_scalar_mode_colours_a_body_that_stays():
 
 
 def test_an_obstacle_is_where_it_was():
-    ball = Obstacle(np.arange(6)[:, None, None] * [0, 0, -1e-3] + np.array([[0.0, 0, 0.05], [0.01, 0, 0.05], [0, 0.01, 0.05]]),
+    ball = ObstacleSurface(np.arange(6)[:, None, None] * [0, 0, -1e-3] + np.array([[0.0, 0, 0.05], [0.01, 0, 0.05], [0, 0.01, 0.05]]),
                     np.array([[0, 1, 2]]))
     content = stored(Exhibit(title="t", mesh=MESH, motions={"fe": Motion(displacement=bent())}, frames=names(bent()), obstacle=ball), ROOM)
     packed = content["obstacle"]

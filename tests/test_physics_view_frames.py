@@ -44,7 +44,7 @@ def path():
 def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, drawn, titles, monkeypatch):
     truth, moved = 0.5 * path(), path()
     points = np.arange((STEPS + 1) * 9.0).reshape(-1, 3, 3)
-    rigid = view.Obstacle(points, np.array([[0, 1, 2]]))
+    rigid = view.ObstacleSurface(points, np.array([[0, 1, 2]]))
     assert view.film(tmp_path / "deep" / "film.gif", MESH, moved, obstacle=rigid, frames=3, seconds=0.6) == 3
     # 0, 3.5 and 7 of 7 steps, the half to the even number
     for call, k in zip(drawn, (0, 4, 7), strict=True):
@@ -122,6 +122,18 @@ def test_pictures_of_modes_are_numbered_from_one(tmp_path, monkeypatch):
                      ("mode_02.png", 6e-3, "mode 2:  fast"), ("mode_02.gif", 6e-3, "mode 2:  fast")]
 
 
+def test_after_the_first_picture_it_is_said_how_long_all_will_take_and_films_can_be_left_out(tmp_path, monkeypatch):
+    """A picture takes 2 s, a film twenty times that: of two modes 2 (1 + 20) - 1 = 41 pictures are left then, without films one."""
+    clock, said = iter(np.arange(100.0) * 2), []
+    monkeypatch.setattr(pictures.time, "perf_counter", lambda: next(clock))
+    for kind in ("mode_picture", "mode_film"):
+        monkeypatch.setattr(pictures, kind, lambda *given, title: None)
+    modes = np.array([path()[1]] * 2)
+    view.mode_pictures(tmp_path, MESH, modes, names=["slow", "fast"], say=said.append)
+    assert view.mode_pictures(tmp_path, MESH, modes, names=["slow", "fast"], films=False, say=said.append) == ["mode_01.png", "mode_02.png"]
+    assert said == ["2 pictures and films of 20 each: about 82 s more", "2 pictures: about 2 s more"]
+
+
 def test_the_camera_holds_body_and_near_obstacle():
     assert drawing.TOWARDS_EYE @ drawing.TOWARDS_EYE == pytest.approx(1) and drawing.TOWARDS_EYE[1] < 0 < drawing.TOWARDS_EYE[2]
     right, up = drawing._axes_of_view(np.array([0.0, -1.0, 0.0]))
@@ -136,7 +148,7 @@ def test_the_camera_holds_body_and_near_obstacle():
     # Half the extent, 2, around the box: a point 1.9 above is seen, one 2.1 above, or to any side, is not.
     for away, top in (
             ([3, 2, 5.9], 5.9), ([3, 2, 6.1], 4.0), ([7.1, 2, 5], 4.0), ([-1.1, 2, 5], 4.0), ([3, 5.1, 5], 4.0), ([3, 2, 0.9], 4.0)):
-        camera = drawing.fit([box], view.Obstacle(np.array([away]), np.zeros((0, 3), int)), front)
+        camera = drawing.fit([box], view.ObstacleSurface(np.array([away]), np.zeros((0, 3), int)), front)
         assert camera.half_height == pytest.approx(1.06 * (top - 3) / 2) and camera.centre[2] == pytest.approx((top + 3) / 2)
     camera = drawing.Camera(np.zeros(3), 2.0, 1.0, front)
     assert drawing.panel_size(camera, 1) == (1200, 600) and drawing.panel_size(camera, 2) == (600, 300)
@@ -156,7 +168,7 @@ def test_the_camera_holds_body_and_near_obstacle():
 def test_polygons_are_listed_with_their_number_of_nodes():
     assert drawing._faces([np.array([[4, 5, 6]]), np.array([[0, 1, 2, 3], [7, 8, 9, 1]])]).tolist() == [
         3, 4, 5, 6, 4, 0, 1, 2, 3, 4, 7, 8, 9, 1]
-    rigid = view.Obstacle(np.arange(18.0).reshape(2, 3, 3), np.array([[0, 1, 2]]))
+    rigid = view.ObstacleSurface(np.arange(18.0).reshape(2, 3, 3), np.array([[0, 1, 2]]))
     assert np.array_equal(rigid.at(1).points, rigid.points[1]) and np.array_equal(rigid.at(1).triangles, rigid.triangles)
     assert rigid.at(1).at(0) is not rigid and np.array_equal(rigid.at(1).at(5).points, rigid.points[1])
 
@@ -179,7 +191,7 @@ def test_the_outline_is_blue_where_the_truth_is_and_the_obstacle_grey():
     """Drawn for once: a body of one colour, the truth's edges 15 mm above it, an obstacle 15 mm below, seen from the front."""
     front, still = np.array([0.0, -1.0, 0.0]), np.zeros_like(MESH.points)
     camera = drawing.Camera(np.array([0.05, 0.01, 0.015]), 0.06, 0.06, front)
-    square = view.Obstacle(np.array([[0.03, 0.0, -0.03], [0.07, 0.0, -0.03], [0.07, 0.0, -0.015], [0.03, 0, -0.015]]),
+    square = view.ObstacleSurface(np.array([[0.03, 0.0, -0.03], [0.07, 0.0, -0.03], [0.07, 0.0, -0.015], [0.03, 0, -0.015]]),
                            np.array([[0, 1, 2], [0, 2, 3]]))
     picture = drawing.draw(MESH, still, np.linspace(5, 6, len(still)), (0, 5), "YlOrRd", camera, (120, 120), obstacle=square,
                          outline=still + [0, 0, 0.035]).astype(int)

@@ -7,12 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from datagen.files.tfrecord import parse_example, write_example
+from datagen.files.trajectory import read_trajectory, write_trajectory
+from datagen.sets.pack import decode, encode
 from physics.contact.conditions import solve_complementarity
 from physics.contact.obstacles import Rigid
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.quality import cell_volumes
 from physics.scene import Body, Obstacle, Scene, read_scene
+from tests.five_nodes import tiny
 
 FINDING = settings(derandomize=True, deadline=None, max_examples=60)
 
@@ -45,14 +48,37 @@ def obstacles(draw):
 
 
 @st.composite
+def bodies(draw):
+    """The table of a body of any shape, with all that this shape takes or with less."""
+    shape = draw(st.sampled_from(["beam", "plate", "plane plate", "channel", "file"]))
+    body = {"shape": shape.removeprefix("plane ")}
+    if shape in ("beam", "plate"):
+        body |= {"length": draw(length), "width": draw(length), "height": draw(length),
+                 "cell": draw(st.sampled_from(["prism", "tetrahedron", "hexahedron"]))}
+        body |= draw(st.sampled_from([{"cells": [draw(stretch) for _ in range(3)]}, {"cell_size": max(body["length"], body["width"])}]))
+        if shape == "beam" and body["cell"] == "prism" and body["length"] >= max(body["width"], body["height"]):
+            body["element"] = draw(st.sampled_from(["standard", "mean-dilatation", "reduced"]))
+        if body["cell"] != "prism":
+            body["order"] = draw(st.integers(1, 2))
+    if shape == "plane plate":
+        body |= {"length": draw(length), "width": draw(length), "cell": draw(st.sampled_from(["triangle", "quadrilateral"])),
+                 "cells": [draw(stretch) for _ in range(2)]}
+    if shape == "channel" and draw(st.booleans()):
+        body |= {"length": 2.0, "height": 1.0, "hole_centre": [1.0, 0.5], "hole_radius": draw(st.floats(0.01, 0.4)), "cell_size": 0.1}
+    if shape == "file":
+        body |= {"path": draw(st.text(min_size=1, max_size=20)), "element": draw(st.sampled_from(["standard", "mean-dilatation"]))}
+    if shape in ("plane plate", "channel", "file") and draw(st.booleans()):
+        body |= {"plane": draw(st.sampled_from(["strain", "stress"])), "thickness": draw(length)}
+    return body
+
+
+@st.composite
 def scenes(draw):
-    shape = draw(st.sampled_from(["beam", "plate"]))
-    body = {"shape": shape, "length": draw(length), "width": draw(length), "height": draw(length),
-            "cells": [draw(stretch) for _ in range(3)], "cell": draw(st.sampled_from(["prism", "tetrahedron", "hexahedron"]))}
+    body = draw(bodies())
     table = {"name": draw(st.text(max_size=20)), "body": body,
              "material": {"law": draw(st.sampled_from(LAWS)), "young_modulus": draw(st.floats(1, 1e12)),
                           "poisson_ratio": draw(st.floats(-0.9, 0.49)), "density": draw(st.floats(1e-3, 1e5))},
-             "support": [{"where": "x-min z-min", "fixed": "xz", "displacement": [draw(coordinate), 0.0, draw(coordinate)]}],
+             "support": [{"where": draw(places_of(body)), "fixed": "xz", "displacement": [draw(coordinate), 0.0, draw(coordinate)]}],
              "load": [{"where": "y-max", "traction": list(draw(vector))}, {"acceleration": list(draw(vector))}],
              "steps": {"count": draw(st.integers(1, 1000))}}
     if draw(st.booleans()):
@@ -62,11 +88,36 @@ def scenes(draw):
     return table
 
 
+def places_of(body):
+    """The name of a place that a support may be at; a file's are not known before it is read."""
+    if body["shape"] == "file":
+        return st.text(min_size=1, max_size=30)
+    return st.sampled_from(["x-min", "x-max y-min"] + ["x-min z-min"] * ("height" in body and body["shape"] != "channel"))
+
+
 @FINDING
 @given(scenes())
 def test_a_scene_written_and_read_is_the_same_scene(table):
     scene = read_scene(table)
     assert Scene.from_toml(scene.to_toml()) == scene
+
+
+@FINDING
+@given(scenes(), st.dictionaries(st.text(max_size=20), st.tuples(st.sets(st.integers(0, 3), min_size=1), st.booleans()), max_size=4))
+def test_a_scene_and_its_places_come_back_from_a_trajectory_and_from_a_pack(tmp_path_factory, table, drawn):
+    scene = read_scene(table)
+    places = {name: {"nodes": np.array(sorted(nodes)), **({"line": np.array([[0, max(nodes)]])} if made else {})}
+              for name, (nodes, made) in drawn.items()}
+    of_file = scene.body.shape == "file"
+    written = tiny(scene=scene.to_toml(), places=places if of_file else None)
+    path = tmp_path_factory.mktemp("written") / "a.vtkhdf"
+    write_trajectory(path, written)
+    for found in (read_trajectory(path), decode(encode(written, 1e-6)[0])):
+        assert Scene.from_toml(found.scene) == scene
+        assert (found.places is not None) == of_file
+        if of_file:
+            assert {name: {kind: array.tolist() for kind, array in place.items()} for name, place in found.places.items()} == {
+                name: {kind: array.tolist() for kind, array in place.items()} for name, place in places.items()}
 
 
 @FINDING

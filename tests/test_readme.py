@@ -4,7 +4,9 @@
 """
 
 import io
+import json
 import shlex
+import sys
 from contextlib import redirect_stdout
 
 import pytest
@@ -73,12 +75,23 @@ def test_the_python_of_the_readme_says_how_far_off_a_prediction_is(folder, monke
     assert 0 < penetration < 1e-3
 
 
-def test_a_prediction_of_ones_own_is_verified(folder, monkeypatch):
+def test_a_predictor_of_ones_own_is_verified_and_becomes_a_row_of_the_report(folder, monkeypatch):
     page = ROOT / "docs" / "report.md"
     monkeypatch.chdir(folder)
-    python(blocks(page, "python")[0])
-    run(next(words[2:] for words in map(shlex.split, commands(page)) if words[1:3] == ["fidelity", "verify"]))
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    model, files = blocks(page, "python")
+    (folder / "mymodule.py").write_text(model)
+    python(files)
+    called = [words[2:] for words in map(shlex.split, commands(page)) if words[1:2] == ["fidelity"]]
+    run(next(words for words in called if words[0] == "verify"))
     assert (folder / "report" / "worst.png").stat().st_size > 1000
+    errors = []
+    for words in (words for words in called if words[0] == "pareto"):
+        run([*words, "--only", "trivial", "--refined", "0", "--repeats", "1"])
+        errors.append({row["name"]: row["scores"] for row in json.loads((folder / "pareto" / "report.json").read_text())["rows"]})
+    assert [next(iter(rows)) for rows in errors] == ["my model"] * 2 and errors[1]["my model"]["ms_per_step"] == pytest.approx(2.5)
+    assert errors[1]["my model"]["rmse_all"] == pytest.approx(0.01 * errors[1]["nothing moves"]["rmse_all"], rel=1e-4)
+    assert errors[0]["my model"]["rmse_all"] < errors[0]["nothing moves"]["rmse_all"]
 
 
 def test_the_python_of_the_page_on_python_runs(folder, monkeypatch):

@@ -4,6 +4,8 @@
     young_modulus = { log-uniform = [1e5, 1e7] }
     cell = { choice = ["prism", "hexahedron"] }         any values, whole arrays and tables too, with ranges of their own
 
+    height = { grid = [0.01, 0.02, 0.04] }              every value in turn, with those of all other grids in every combination
+
     [obstacle.place]                                    instead of path: from outside onto a face, and on; see place.py
     face = "z-max"
     depth = { uniform = [0.015, 0.03] }
@@ -19,6 +21,9 @@
 A family is data: nothing in it is evaluated. A draw depends on (seed, index, attempt) and on the name of each key, and on
 nothing else: not on the order of keys, the number of scenes, or who draws them. Each key's number u in [0, 1) comes from
 the raw bits of numpy's Philox, whose stream is the same in every version.
+
+The number of a scene within its split chooses the point of a grid. Where there is one, all its points are what a family makes
+unless [splits] says otherwise; a grid stands outside of cases, choices and other grids.
 """
 
 from __future__ import annotations
@@ -38,7 +43,7 @@ from physics.schema import InputError, nearest, quantity, read_table, read_toml
 LARGEST_SPLIT = 1_000_000  # indices of the next split begin there, so that each can grow by itself
 FOLDER = Path(__file__).parents[1] / "families"
 SPLITS = ("train", "valid", "test")
-RANGES = ("uniform", "log-uniform", "choice")
+RANGES = ("uniform", "log-uniform", "choice", "grid")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,12 +57,13 @@ class Splits:
 
 @dataclass(frozen=True)
 class Family:
-    """A family as it stands in its file: `table` is what TOML made of `text`, without [splits]."""
+    """A family as it stands in its file, in a folder: `table` is what TOML made of `text`, without [splits]."""
 
     name: str
     text: str
     table: dict[str, Any]
     splits: Splits
+    folder: Path = Path()
 
 
 def load_family(name: str | Path) -> Family:
@@ -75,8 +81,9 @@ def load_family(name: str | Path) -> Family:
         path = known[str(name)]
     table = read_toml(path)
     try:
-        splits = read_table(Splits, table.pop("splits", {}), "splits")
-        family = Family(str(table.get("name", path.stem)), path.read_text(), table, splits)
+        whole = Splits(train=min(points(table), LARGEST_SPLIT), valid=0, test=0) if points(table) > 1 else Splits()
+        splits = read_table(Splits, table.pop("splits"), "splits") if "splits" in table else whole
+        family = Family(str(table.get("name", path.stem)), path.read_text(), table, splits, path.parent)
         draw(family, 0, 0)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -115,11 +122,50 @@ def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
         InputError: a range is wrong, or the scene is
     """
     key = (seed, index, attempt)
-    table = _drawn(_with_case(family.table, key), "", key)
+    at_point, _ = _on_grid(family.table, index % LARGEST_SPLIT, "")
+    table = _drawn(_with_case(at_point, key), "", key)
+    body = table.get("body")
+    if isinstance(body, dict) and isinstance(body.get("path"), str):
+        body["path"] = str(family.folder / body["path"])
     obstacle = table.get("obstacle")
     if isinstance(obstacle, dict) and "place" in obstacle:
         table["obstacle"] = placed(table)
     return read_scene(table)
+
+
+def points(value: Any, where: str = "") -> int:
+    """In how many points the grids of a family's table meet; 1 without a grid. Raises `InputError`."""
+    if isinstance(value, dict) and "grid" in value:
+        return len(_grid(value, where))
+    if isinstance(value, dict) and set(RANGES) & value.keys():
+        return 1
+    parts = {str(i): entry for i, entry in enumerate(value)} if isinstance(value, list) else value if isinstance(value, dict) else {}
+    return math.prod(points(entry, f"{where}.{name}") for name, entry in parts.items() if where or name != "case")
+
+
+def _grid(value: dict[str, Any], where: str) -> list[Any]:
+    if len(value) > 1 or not isinstance(value["grid"], list) or not value["grid"]:
+        raise InputError(f"{where.strip('.')}: a grid is an array of at least one value, {{ grid = [1, 2] }}")
+    return value["grid"]
+
+
+def _on_grid(value: Any, position: int, where: str) -> tuple[Any, int]:
+    """A value with each grid replaced by its entry at a position, and what is left of the position for grids that follow."""
+    if isinstance(value, dict) and "grid" in value:
+        values = _grid(value, where)
+        return values[position % len(values)], position // len(values)
+    if isinstance(value, list):
+        entries = []
+        for i, entry in enumerate(value):
+            found, position = _on_grid(entry, position, f"{where}[{i}]")
+            entries.append(found)
+        return entries, position
+    if not isinstance(value, dict) or set(RANGES) & value.keys():
+        return value, position
+    table = dict(value)
+    for name in sorted(name for name in value if where or name != "case"):  # by name: the order in the file plays no part
+        table[name], position = _on_grid(value[name], position, f"{where}.{name}")
+    return table, position
 
 
 def _with_case(table: dict[str, Any], key: tuple[int, int, int]) -> dict[str, Any]:
@@ -161,6 +207,8 @@ def _drawn(value: Any, where: str, key: tuple[int, int, int]) -> Any:
 
 
 def _from_range(kind: str, given: Any, where: str, key: tuple[int, int, int]) -> Any:
+    if kind == "grid":
+        raise InputError(f"{where}.grid: a grid stands outside of cases, choices and other grids")
     u = _uniform(where, key)
     if kind == "choice":
         if not isinstance(given, list) or not given:

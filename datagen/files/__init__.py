@@ -1,7 +1,11 @@
 """One trajectory on disk.
 
     trajectory   its format: write, read, check
+    layout       whether arrays have the shapes of the format
+    solved       the scene and the mesh whose equations it answers
+    places       what is kept of a mesh file
     tfrecord     records of TensorFlow, byte by byte
-    prediction   a file held against a true one
+    inputs       what a predictor may see of one, as arrays
+    prediction   a file, or a folder of them, held against true ones
     provenance   which program, libraries and machine a number comes from
 """

@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import platform
 import subprocess
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -23,6 +24,12 @@ def _versions() -> tuple[tuple[str, str], ...]:
 def versions() -> dict[str, str]:
     """The versions of Python and of every library that a trajectory's numbers come from."""
     return dict(_versions())
+
+
+def release() -> str:
+    """The version of this program: of its checkout, or as it was installed."""
+    about = Path(__file__).parents[2] / "pyproject.toml"
+    return str(tomllib.loads(about.read_text())["project"]["version"]) if about.exists() else importlib.metadata.version("fidelity")
 
 
 @cache

@@ -1,6 +1,7 @@
 """One trajectory file: a body and its obstacle over all steps.
 
-The file is VTKHDF (HDF5 by another name): ParaView and PyVista open it with a time slider, h5py reads it as arrays.
+The file is VTKHDF (HDF5 by another name): ParaView opens it with a time slider, h5py reads it as arrays. PyVista shows the first
+frame; `reader = pyvista.get_reader(path); reader.reader.SetStep(7); mesh = reader.read()` is frame 7.
 Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body first, obstacle last), C cells, m modes.
 
     /VTKHDF                     @Type "UnstructuredGrid", @Version [2, 1]
@@ -16,6 +17,7 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         segment                 (N,) int32       optional
         NAME                    (T N, k) float32  optional: whatever else changes, such as the stress of an imported set; @fields
       FieldData                 one row for each frame
+        obstacle                (T, 3) float64   [m] its centre; a file may lack it
         reaction                (T, 3) float64   [N] force of the body on the obstacle (without one: on its supports)
         energy                  (T,) float64     [J] stored
         penetration             (T,) float64     [m] largest, 0 without contact
@@ -27,6 +29,8 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         kinetic_energy          (T,) float64     [J] of dynamic scenes
       Steps                     @NSteps T; Values (T,) 0 .. steps, of dynamic scenes the times [s]; offsets that tell a reader
                                 where each frame starts
+    /places                     of a body from a mesh file: @names (JSON), and under 0, 1, ... of each place nodes (n,) and what it
+                                is made of, such as triangle (n, 3); int64 node numbers (places.py)
     /                           @schema, @scene (TOML), @seed, @index, @versions (JSON), @commit, @complete, @frequencies_hz,
                                 @extra (JSON: whatever else the writer knows, such as the run that made a rollout)
 
@@ -45,9 +49,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.files.layout import misshapen
+from datagen.files.places import Places, read_places, with_places, write_places, wrong_places
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
-from physics.scene import Scene
 from physics.schema import InputError
 from physics.whole import write_whole
 
@@ -78,6 +83,7 @@ class Trajectory:
     commit: str = ""
     complete: bool = True
     extra: dict[str, Any] = field(default_factory=dict)
+    places: Places | None = None  # of a body from a mesh file
 
     @property
     def body(self) -> NDArray[np.bool_]:
@@ -91,16 +97,19 @@ class Trajectory:
 
     @property
     def mesh(self) -> Mesh:
-        """The body at rest, without named faces."""
-        kind = OF_VTK[int(self.types[0])].name
-        return Mesh(self.points[self.body], self.cells_of(self.types[0]), kind, {})
+        """The body at rest; its places are known where it came from a mesh file."""
+        cells = self.cells_of(self.types[0])
+        mesh = Mesh(self.points[self.body], cells[self.body[cells].all(axis=1)], OF_VTK[int(self.types[0])].name, {})
+        return mesh if self.places is None else with_places(mesh, self.places)
 
     @property
     def obstacle(self) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
         """The obstacle's surface in all frames: points (T, M, 3) [m] and triangles (F, 3) among them; None without one."""
         if self.body.all():
             return None
-        return self.points[~self.body] + self.displacement[:, ~self.body], self.cells_of(5) - np.count_nonzero(self.body)
+        triangles = self.cells_of(CELLS["triangle"].vtk)
+        triangles = triangles[~self.body[triangles].any(axis=1)] - np.count_nonzero(self.body)
+        return self.points[~self.body] + self.displacement[:, ~self.body], triangles
 
     def cells_of(self, vtk_type: int) -> NDArray[np.int64]:
         """(C, n) node numbers of the cells of one VTK type."""
@@ -118,13 +127,36 @@ def at_rest(mesh: Mesh, modes: NDArray[np.floating[Any]], **attributes: Any) -> 
 
 
 def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
-    """Write a whole file, or none: it appears under its name only when it is complete on disk. Raises OSError."""
+    """Write a whole file, or none: it appears under its name only when it is complete on disk.
+
+    Raises:
+        InputError: displacements of the wrong shape, or positions in place of them
+        OSError: it cannot be written
+    """
+    trajectory = replace(trajectory, displacement=_displacement(trajectory))
     # The file is made in memory: on a full disk HDF5 would fill pages with its complaints, and later on again.
     with h5py.File(f"{path} in memory", "w", driver="core", backing_store=False, libver=("earliest", "v110")) as file:
         _write(file, trajectory)
         file.flush()
         image = file.id.get_file_image()
     write_whole(path, image)
+
+
+def _displacement(trajectory: Trajectory) -> NDArray[np.float32]:
+    """The displacements as the file holds them. Raises `InputError` in one line that says which shape is right."""
+    u, nodes = np.asarray(trajectory.displacement), len(trajectory.points)
+    if u.ndim != 3 or not len(u) or u.shape[1:] != (nodes, 3):
+        body = int(trajectory.body.sum())
+        parts = f": those of the body ({body}) first, then those of the obstacle ({nodes - body})" if body < nodes else ""
+        raise InputError(f"displacement has shape {u.shape}: must be (T, {nodes}, 3), frames from the rest state on, nodes, x y z{parts}")
+    if holds_positions(u, trajectory.points):
+        raise InputError("displacement holds positions, it seems: take the rest positions away (displacement - points)")
+    return u.astype(np.float32, copy=False)
+
+
+def holds_positions(u: NDArray[Any], points: NDArray[Any]) -> bool:
+    """Whether displacements (T, N, 3) begin at the rest positions (N, 3) in place of zero."""
+    return bool(np.linalg.norm(u[0] - points) < 0.1 * np.linalg.norm(points))
 
 
 def _write(file: h5py.File, trajectory: Trajectory) -> None:
@@ -172,6 +204,8 @@ def _write(file: h5py.File, trajectory: Trajectory) -> None:
     file.attrs.update(schema=SCHEMA, scene=trajectory.scene, seed=trajectory.seed, index=trajectory.index,
                       versions=json.dumps(trajectory.versions), commit=trajectory.commit, complete=trajectory.complete,
                       frequencies_hz=np.array(trajectory.frequencies_hz, np.float64), extra=json.dumps(trajectory.extra))
+    if trajectory.places is not None:
+        write_places(file, trajectory.places)
     if trajectory.fields:
         file.attrs["fields"] = json.dumps(list(trajectory.fields))
 
@@ -183,11 +217,14 @@ def read_trajectory(path: str | Path) -> Trajectory:
         raise InputError(f"{path}: no such file")
     try:
         with h5py.File(path, "r") as file:
-            return _read(file)
+            found = _read(file)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (OSError, KeyError, IndexError, ValueError, TypeError, RuntimeError) as error:
-        raise InputError(f"{path}: not a whole trajectory file: {str(error).splitlines()[0]}") from None
+    except (OSError, KeyError, IndexError, ValueError, TypeError, AttributeError, OverflowError, RuntimeError) as error:
+        raise InputError(f"{path}: not a whole trajectory file: {f'{error}'.strip().partition(chr(10))[0]}") from None
+    if wrong := misshapen(found):
+        raise InputError(f"{path}: not a whole trajectory file: {wrong}")
+    return found
 
 
 def unfinished(path: str | Path) -> str | None:
@@ -196,7 +233,7 @@ def unfinished(path: str | Path) -> str | None:
         with h5py.File(path, "r") as file:
             return None if file.attrs["complete"] else str(file.attrs["scene"])
     except (OSError, KeyError) as error:
-        raise InputError(f"{path}: not a trajectory file: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path}: not a trajectory file: {f'{error}'.strip().partition(chr(10))[0]}") from None
 
 
 def _read(file: h5py.File) -> Trajectory:
@@ -217,7 +254,7 @@ def _read(file: h5py.File) -> Trajectory:
         fields={name: points[name][()].reshape(frames, nodes, -1) for name in json.loads(attributes.get("fields", "[]"))},
         scene=str(attributes["scene"]), seed=int(attributes["seed"]), index=int(attributes["index"]),
         versions=json.loads(attributes["versions"]), commit=str(attributes["commit"]),
-        complete=bool(attributes["complete"]), extra=json.loads(attributes["extra"]))
+        complete=bool(attributes["complete"]), extra=json.loads(attributes["extra"]), places=read_places(file))
 
 
 def read_sound(path: str | Path, *, complete: bool = True) -> Trajectory:
@@ -229,13 +266,6 @@ def read_sound(path: str | Path, *, complete: bool = True) -> Trajectory:
     for wrong in problems(trajectory if complete else replace(trajectory, complete=True)):
         raise InputError(f"{path}: {wrong}")
     return trajectory
-
-
-def as_solved(scene: Scene, trajectory: Trajectory, step: int) -> Scene:
-    """The scene whose equations a step of its trajectory solves: under the linear law where the solver saw that it is enough."""
-    if step > trajectory.extra.get("linear_steps", 0):
-        return scene
-    return replace(scene, material=replace(scene.material, law="linear"))
 
 
 def problems(trajectory: Trajectory) -> list[str]:
@@ -258,6 +288,8 @@ def problems(trajectory: Trajectory) -> list[str]:
             found.append(f"{name} is not finite everywhere")
     found += [f"{name} has {len(array)} rows for {len(trajectory.displacement)} frames"
               for name, array in trajectory.per_frame.items() if len(array) != len(trajectory.displacement)]
+    if trajectory.places is not None and (wrong := wrong_places(trajectory.places, int(trajectory.body.sum()))):
+        found.append(wrong)
     if trajectory.scene and trajectory.displacement[0].any():
         found.append("the first frame is not the rest state")
     return found

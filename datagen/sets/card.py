@@ -84,7 +84,7 @@ def _body(folder: Path, manifest: dataset.Manifest, found: dict[str, Any], rows:
     splits = ", ".join(f"{split} {found['split'][split]}" for split in SPLITS if split in found["split"])
     yield f"{' '.join(comment)} {found['count']} trajectories of {found['steps']['mean']:.0f} steps ({splits}),"
     yield f"{found['gigabytes']:.3g} GB, made by Fidelity (commit {first.commit or 'unknown'}) on {date.today().isoformat()}.\n"
-    yield "Each file is VTKHDF: ParaView and PyVista open it with a time slider, h5py reads it as arrays. The layout stands in"
+    yield "Each file is VTKHDF: ParaView opens it with a time slider, h5py reads it as arrays. The layout stands in"
     yield "`datagen/files/trajectory.py`; node kinds are NORMAL 0, OBSTACLE 1, HANDLE 3. The obstacle's surface is part of every mesh.\n"
     yield "## Ranges\n"
     yield "| key | values | unit |\n|---|---|---|"

@@ -16,13 +16,16 @@ Legend: T frames, N nodes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datagen.family.family import SPLITS
-from datagen.files.trajectory import OBSTACLE, Trajectory, as_solved, problems, read_trajectory
+from datagen.files.places import remarks_on_file
+from datagen.files.solved import as_solved, solved_on
+from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
 from datagen.sets.dataset import digest, read_manifest
 from datagen.sets.workers import progress
 from physics.body.supports import held, prescribed
@@ -30,7 +33,6 @@ from physics.contact.obstacles import Rigid
 from physics.equilibrium.newton import TOLERANCE
 from physics.fem import release
 from physics.fidelity.verify import Checker
-from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
 from physics.scene import Scene
@@ -41,7 +43,7 @@ ROUNDING = 2.0
 HALF_ULP = 2.0**-24  # of single precision, relative
 
 
-def check(folder: str | Path, *, steps: int = 5) -> list[str]:
+def check(folder: str | Path, *, steps: int = 5, remark: Callable[[str], None] = lambda text: None) -> list[str]:
     """What is wrong with a data set, a line each, the file's name first; empty when nothing is.
 
     Every file is held against its checksum and against its own scene: the mesh, the motion of supports and obstacle, det F,
@@ -49,16 +51,18 @@ def check(folder: str | Path, *, steps: int = 5) -> list[str]:
 
     Args:
         steps: of each trajectory whose equilibrium is computed anew, evenly spaced, the last one among them
+        remark: takes what is odd but not wrong: a line for each mesh file that is not there as it was
 
     Raises:
         InputError: the folder has no manifest
     """
     folder, manifest = Path(folder), read_manifest(folder)
-    found = []
+    found, remarks = [], dict[str, None]()
     for entry in progress(manifest.trajectories, "checking"):
         try:
             trajectory = read_trajectory(folder / entry.file)
             wrong = problems(trajectory)
+            remarks |= dict.fromkeys(remarks_on_file(trajectory.extra))
             if not wrong and trajectory.scene:
                 wrong = against_scene(trajectory, steps=steps)
         except InputError as error:
@@ -68,6 +72,8 @@ def check(folder: str | Path, *, steps: int = 5) -> list[str]:
         if digest(trajectory) != entry.sha256:
             wrong = [*wrong, "the arrays are not those that were written: their checksum differs from the manifest's"]
         found += [f"{folder / entry.file}: {line}" for line in wrong]
+    for text in remarks:
+        remark(text)
     listed = {folder / entry.file for entry in manifest.trajectories}
     there = {path for split in SPLITS for path in Path(folder, split).glob("*.vtkhdf")}
     return found + [f"{path}: not in the manifest" for path in sorted(there - listed)]
@@ -82,7 +88,7 @@ def precision(trajectory: Trajectory) -> NDArray[np.float64]:
 def against_scene(trajectory: Trajectory, *, steps: int = 5) -> list[str]:
     """What contradicts the scene that a trajectory is said to be of, a line each. Raises `InputError` for a bad scene."""
     scene = Scene.from_toml(trajectory.scene)
-    mesh, frames = build_mesh(scene.body), len(trajectory.displacement)
+    mesh, frames = solved_on(scene, trajectory), len(trajectory.displacement)
     nodes = len(mesh.points)
     if frames != scene.steps.count + 1:
         return [f"{frames} frames for {scene.steps.count} steps"]
@@ -120,7 +126,7 @@ def _against_obstacle(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: N
     body = mesh.points[loose] + trajectory.displacement[:, loose].astype(np.float64)
     deepest = np.array([-rigid.gap(x, centre)[0].min() for x, centre in zip(body, way, strict=True)])
     deepest = np.maximum(deepest, trajectory.per_frame.get("penetration", 0.0))
-    limit = PENETRATION * min(scene.body.extent)
+    limit = PENETRATION * float(np.ptp(mesh.points, axis=0).min())
     if deepest.max() > limit:
         found.append(f"the obstacle penetrates {deepest.max():.2g} m at step {deepest.argmax()}; {limit:.2g} m is allowed")
     return found

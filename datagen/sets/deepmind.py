@@ -7,6 +7,9 @@ raw little-endian bytes of each field. "static" fields have one row, "dynamic" o
                      stress (T, N, 1) float32
     CylinderFlow     cells (1, C, 3), mesh_pos (1, N, 2), node_type (1, N, 1), velocity (T, N, 2), pressure (T, N, 1)
 
+The width of mesh_pos tells what four nodes of a cell are: in a plane a quadrilateral, in space a tetrahedron. A cloth has a mesh_pos of
+two components, its own plane, and a world_pos of three.
+
 Reading, nodes of the obstacle are moved to the end and its cells replaced by their outer triangles, which is how our files
 have them; mesh_pos becomes Points, world_pos the displacement, and other dynamic fields stay what they are. Such files have
 no scene, so their physics cannot be checked.
@@ -29,17 +32,21 @@ from numpy.typing import NDArray
 
 from datagen.family.family import LARGEST_SPLIT, SPLITS
 from datagen.files.tfrecord import parse_example, read_records, write_example, write_records
-from datagen.files.trajectory import OBSTACLE, Trajectory, read_trajectory, write_trajectory
+from datagen.files.trajectory import KINDS, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.sets import dataset
 from datagen.sets.workers import progress
-from physics.mesh.boxes import tetrahedra
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
+from physics.mesh.quality import cell_volumes
+from physics.mesh.shapes.boxes import tetrahedra
 from physics.schema import InputError
+from physics.whole import folder_whole
 
 Fields = dict[str, NDArray[Any]]
 OURS = ("cells", "obstacle_cells", "mesh_pos", "world_pos", "node_type")
-KIND_OF = {3: "triangle", 4: "tetrahedron", 6: "prism", 8: "hexahedron"}
+KIND_OF = {3: "triangle", 4: "tetrahedron", 6: "prism", 8: "hexahedron"}  # by the nodes of a cell, of bodies in space
+IN_A_PLANE = {3: "triangle", 4: "quadrilateral"}  # where mesh_pos has two components
+STATIC = ("cells", "obstacle_cells", "mesh_pos", "node_type")
 
 
 def import_records(folder: str | Path, out: str | Path, *, count: int | None = None) -> dict[str, Any]:
@@ -59,23 +66,24 @@ def import_records(folder: str | Path, out: str | Path, *, count: int | None = N
     found = [split for split in SPLITS if (folder / f"{split}.tfrecord").exists()]
     if not found:
         raise InputError(f"{folder}: no train.tfrecord, valid.tfrecord or test.tfrecord")
-    for split in found:
-        path = folder / f"{split}.tfrecord"
-        for number, record in enumerate(progress(read_records(path), f"reading {path.name}")):
-            if number == count:
-                break
-            try:
-                trajectory = from_fields(_decoded(record, meta), index=SPLITS.index(split) * LARGEST_SPLIT + number,
-                                         source=f"{path.name}, record {number}")
-            except InputError as error:
-                raise InputError(f"{path}, record {number}: {error}") from None
-            file = dataset.file_name(split, number)
-            write_trajectory(out / file, trajectory)
-            entries.append(dataset.entry_of(file, trajectory))
-    name = json.dumps(str(meta.get("simulator", "")) or folder.name)
-    manifest = dataset.Manifest(schema=dataset.SCHEMA, family=f"# Imported from {folder.name}\nname = {name}\n", seed=0,
-                                trajectories=tuple(entries))
-    dataset.write_manifest(out, manifest)
+    with folder_whole(out) as part:
+        for split in found:
+            path = folder / f"{split}.tfrecord"
+            for number, record in enumerate(progress(read_records(path), f"reading {path.name}")):
+                if number == count:
+                    break
+                try:
+                    trajectory = from_fields(_decoded(record, meta), index=SPLITS.index(split) * LARGEST_SPLIT + number,
+                                             source=f"{path.name}, record {number}")
+                except InputError as error:
+                    raise InputError(f"{path}, record {number}: {error}") from None
+                file = dataset.file_name(split, number)
+                write_trajectory(part / file, trajectory)
+                entries.append(dataset.entry_of(file, trajectory))
+        name = json.dumps(str(meta.get("simulator", "")) or folder.name)
+        manifest = dataset.Manifest(schema=dataset.SCHEMA, family=f"# Imported from {folder.name}\nname = {name}\n", seed=0,
+                                    trajectories=tuple(entries))
+        dataset.write_manifest(part, manifest)
     return {"trajectories": len(entries), "fields": list(meta["features"])}
 
 
@@ -102,35 +110,31 @@ def export_records(folder: str | Path, out: str | Path, *, cells: str = "tetrahe
                                  "has one layout for all")
             yield write_example({name: field.tobytes() for name, field in fields.items()})
 
-    out.mkdir(parents=True, exist_ok=True)
-    written = {split: write_records(out / f"{split}.tfrecord", records(split)) for split in SPLITS
-               if any(entry.split == split for entry in entries)}
-    if not written:
+    if not entries:
         raise InputError(f"{folder}: no trajectories")
-    features = layout["features"]
-    length = max(feature["shape"][0] for feature in features.values())
-    meta = {"simulator": "fidelity", "dt": 1.0, "features": features, "field_names": list(features), "trajectory_length": length}
-    (out / "meta.json").write_text(json.dumps(meta, indent=1))
+    with folder_whole(out) as part:
+        written = {split: write_records(part / f"{split}.tfrecord", records(split)) for split in SPLITS
+                   if any(entry.split == split for entry in entries)}
+        features = layout["features"]
+        length = max(feature["shape"][0] for feature in features.values())
+        meta = {"simulator": "fidelity", "dt": 1.0, "features": features, "field_names": list(features), "trajectory_length": length}
+        (part / "meta.json").write_text(json.dumps(meta, indent=1))
     return {"trajectories": sum(written.values()), "fields": list(features), **written}
 
 
 def from_fields(fields: Fields, *, index: int = 0, source: str = "") -> Trajectory:
     """A trajectory from fields as they stand in the module's docstring. Raises `InputError`."""
-    for name in ("cells", "mesh_pos", "node_type"):
-        if name not in fields:
-            raise InputError(f"no field {name}")
+    _check_fields(fields)
     kind, cells, rest = fields["node_type"][0, :, 0], fields["cells"][0].astype(np.int64), fields["mesh_pos"][0]
     nodes, width = len(kind), cells.shape[1]
-    if width not in KIND_OF:
-        raise InputError(f"cells of {width} nodes; known are {', '.join(map(str, KIND_OF))}")
-    if cells.size and not (0 <= cells.min() and cells.max() < nodes):
-        raise InputError(f"a cell names a node outside of 0 .. {nodes - 1}")
+    cell = (KIND_OF if rest.shape[1] == 3 else IN_A_PLANE)[width]
     moving = fields.get("world_pos")
     if rest.shape[1] < 3 and moving is not None:  # a cloth's coordinates in its own plane: it starts as it lies
         rest = moving[0]
     points = np.zeros((nodes, 3))
     points[:, :rest.shape[1]] = rest
-    frames = max(len(field) for field in fields.values())
+    cells = _upright(points, cells, cell)
+    frames = max(len(field) for field in fields.values()) if moving is None else len(moving)
     displacement = np.zeros((frames, nodes, 3)) if moving is None else moving - points
 
     order = np.argsort(kind == OBSTACLE, kind="stable")
@@ -142,30 +146,82 @@ def from_fields(fields: Fields, *, index: int = 0, source: str = "") -> Trajecto
     body, rigid = place[cells[~of_obstacle[:, 0]]], place[cells[of_obstacle[:, 0]]]
     surface = [place[fields["obstacle_cells"][0]]] if "obstacle_cells" in fields else []
     if len(rigid):
-        surface += Mesh(points[order], rigid, KIND_OF[width], {}).surface if width > 3 else [rigid]
+        surface += Mesh(points[order], rigid, cell, {}).surface
     halves = [facets[:, pick] for facets in surface for pick in ([0, 1, 2], [0, 2, 3])[:facets.shape[1] - 2]]
     corners = np.concatenate([np.empty((0, 3), np.int64), *halves])
-    types = np.repeat([CELLS[KIND_OF[width]].vtk, CELLS["triangle"].vtk], [len(body), len(corners)]).astype(np.uint8)
-    return Trajectory(
+    types = np.repeat([CELLS[cell].vtk, CELLS["triangle"].vtk], [len(body), len(corners)]).astype(np.uint8)
+    made = Trajectory(
         points=points[order], connectivity=np.concatenate([body.ravel(), corners.ravel()]).astype(np.int64),
         offsets=np.concatenate([[0], np.cumsum([OF_VTK[int(t)].corners for t in types])]).astype(np.int64), types=types,
         node_kind=kind[order].astype(np.uint8), displacement=displacement[:, order].astype(np.float32),
         modes=np.zeros((0, nodes, 3), np.float32), index=index, extra={"imported": source},
         fields={name: field[:, order].astype(np.float32) for name, field in fields.items()
                 if name not in OURS and len(field) == frames and field.shape[1] == nodes})
+    for wrong in problems(made):
+        raise InputError(wrong)
+    return made
+
+
+def _check_fields(fields: Fields) -> None:
+    """Raise `InputError` unless the fields have the same nodes and frames, and cells of a known kind."""
+    for name in ("cells", "mesh_pos", "node_type"):
+        if name not in fields:
+            raise InputError(f"no field {name}")
+    for name in STATIC:
+        if name in fields and len(fields[name]) != 1:
+            raise InputError(f"{name} has {len(fields[name])} rows; it does not change, so one is expected")
+    for name, kinds, widths in (("cells", "iu", None), ("obstacle_cells", "iu", (3,)), ("node_type", "iu", (1,)), ("mesh_pos", "f", (2, 3)),
+                                ("world_pos", "f", (3,))):
+        if name in fields and not (fields[name].dtype.kind in kinds and (widths is None or fields[name].shape[2] in widths)):
+            said = f"{' or '.join(map(str, widths))} {'whole ' * (kinds == 'iu')}numbers" if widths else "whole numbers"
+            raise InputError(f"{name} has {fields[name].shape[2]} numbers of {fields[name].dtype.name} for each entry; {said} are expected")
+    nodes, plane, width = fields["mesh_pos"].shape[1], fields["mesh_pos"].shape[2] == 2, fields["cells"].shape[2]
+    for name in ("node_type", "world_pos"):
+        if name in fields and fields[name].shape[1] != nodes:
+            raise InputError(f"{name} has {fields[name].shape[1]} nodes, mesh_pos has {nodes}")
+    known = IN_A_PLANE if plane else KIND_OF
+    if width not in known:
+        said = ", ".join(map(str, known))
+        raise InputError(f"cells of {width} nodes, where mesh_pos has {2 if plane else 3} components; known are {said}")
+    if not fields["cells"].shape[1]:
+        raise InputError("no cells")
+    for name in ("cells", "obstacle_cells"):
+        if name in fields and fields[name].size and not (0 <= fields[name].min() and fields[name].max() < nodes):
+            raise InputError(f"a cell names a node outside of 0 .. {nodes - 1}")
+    kinds_there = fields["node_type"]
+    if not np.isin(kinds_there, KINDS).all():
+        raise InputError(f"node_type has a {kinds_there[~np.isin(kinds_there, KINDS)][0]}; known are 0 to {max(KINDS)}")
+    if (kinds_there == OBSTACLE).all():
+        raise InputError("every node is of the obstacle, none of a body")
+
+
+def _upright(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -> NDArray[np.int64]:
+    """Solid cells with positive volume. Raises `InputError` for one without any, as a plane one is that is taken for it."""
+    if CELLS[cell].dimension < 3:
+        return cells
+    first, *others = (points[cells[:, i]] for i in range(cells.shape[1]))
+    spanned = np.stack([other - first for other in others], axis=1)  # (C, k - 1, 3)
+    size = np.linalg.norm(spanned, axis=2).max(axis=1, initial=0.0)
+    with np.errstate(all="ignore"):
+        rank = (np.linalg.svd(np.nan_to_num(spanned / size[:, None, None]), compute_uv=False) > 1e-6).sum(axis=1)
+    flat = np.flatnonzero(rank < 3)
+    if len(flat):
+        raise InputError(f"cell {flat[0]}, a {cell}, has no volume")
+    return np.where((cell_volumes(points, cells, cell) < 0)[:, None], cells[:, CELLS[cell].mirrored], cells)
 
 
 def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
     """The fields of a trajectory, as they stand in the module's docstring. Raises `InputError` for cells that cannot be cut."""
-    body = trajectory.cells_of(trajectory.types[0])
+    body = trajectory.mesh.cells
     if cells == "tetrahedra" and body.shape[1] == 6:
         body = tetrahedra(body)
     elif cells == "tetrahedra" and body.shape[1] == 8:
         raise InputError("hexahedra are not cut into tetrahedra here: ask for --cells own")
-    flat = body.shape[1] == 3 and not trajectory.points[:, 2].any() and not trajectory.displacement.any()
+    flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement.any()
     found: Fields = {"cells": body[None].astype(np.int32)}
-    if not trajectory.body.all():
-        found["obstacle_cells"] = trajectory.cells_of(CELLS["triangle"].vtk)[None].astype(np.int32)
+    surface = trajectory.obstacle
+    if surface is not None:
+        found["obstacle_cells"] = (surface[1] + int(trajectory.body.sum()))[None].astype(np.int32)
     found["mesh_pos"] = trajectory.points[None, :, :2 if flat else 3].astype(np.float32)
     found["node_type"] = trajectory.node_kind[None, :, None].astype(np.int32)
     if not flat:
@@ -174,8 +230,7 @@ def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
 
 
 def _feature(name: str, field: NDArray[Any]) -> dict[str, Any]:
-    static = name in ("cells", "obstacle_cells", "mesh_pos", "node_type")
-    return {"type": "static" if static else "dynamic", "shape": [len(field), -1, field.shape[2]], "dtype": field.dtype.name}
+    return {"type": "static" if name in STATIC else "dynamic", "shape": [len(field), -1, field.shape[2]], "dtype": field.dtype.name}
 
 
 def _read_meta(path: Path) -> dict[str, Any]:
@@ -185,12 +240,14 @@ def _read_meta(path: Path) -> dict[str, Any]:
                     for name, feature in meta["features"].items()}
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(f"{path}: not the description of a data set: {error}") from None
-    for name, (kind, shape, _) in features.items():
+    for name, (kind, shape, dtype) in features.items():
+        if dtype.kind not in "biuf":
+            raise InputError(f"{path}: field {name} is of {dtype.name}; numbers are read")
         if kind not in ("static", "dynamic"):
             raise InputError(f"{path}: field {name} is {kind!r}; static and dynamic fields are read")
-        if len(shape) != 3 or shape.count(-1) > 1:
+        if len(shape) != 3 or shape.count(-1) > 1 or not all(-1 <= n < 2**31 for n in shape):
             raise InputError(f"{path}: field {name} has shape {shape}; three numbers are expected, one of them -1 at most")
     return {**meta, "features": features}
 

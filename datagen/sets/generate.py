@@ -15,7 +15,7 @@ import dataclasses
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ from typing import Any
 import numpy as np
 
 from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, draw
+from datagen.files.inputs import centres
+from datagen.files.places import mesh_file, places_of
 from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.sets import dataset
@@ -31,6 +33,7 @@ from physics.body.supports import held
 from physics.contact.obstacles import Rigid
 from physics.equilibrium.balance import cell_size
 from physics.fem import release
+from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.modes.elastic import elastic_modes
 from physics.motion.inertia import inertia
@@ -60,24 +63,28 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         InputError: the scene has no solution to look for
         RuntimeError: the elastic mode was not found
     """
-    solution = solution or solve(scene, on_step=on_step)
+    solution = solution or solve(scene, on_step=on_step, partial=True)
     mesh = solution.mesh
-    modes = elastic_modes(scene, count=AT_ONCE, mesh=mesh)
+    fixed = held(scene, mesh)
+    modes = elastic_modes(scene, count=min(AT_ONCE, int(np.count_nonzero(~fixed))), mesh=mesh)
     first = np.flatnonzero(np.array(modes.frequencies_hz) <= CLUSTER * modes.frequencies_hz[0])
     nodes, frames = len(mesh.points), len(solution.displacement)
-    kind = np.where(held(scene, mesh).all(axis=1), HANDLE, NORMAL)  # what is held in part moves by itself in the rest
+    kind = np.where(fixed.all(axis=1), HANDLE, NORMAL)  # what is held in part moves by itself in the rest
     points, triangles, moved = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3))
     if scene.obstacle is not None:
         rigid, size = Rigid(scene.obstacle), cell_size(mesh)
         around, triangles = rigid.surface_mesh(mesh.points, size=size)
-        way = np.array([rigid.position(step / scene.steps.count) - rigid.path[0] for step in range(frames)])
-        moved = np.repeat(way[:, None], len(around), axis=1)
+        moved = np.repeat((centres(scene, frames) - rigid.path[0])[:, None], len(around), axis=1)
         points = np.concatenate([mesh.points, around])
+    from_file = scene.body.shape == "file"
     corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
     shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
+    way = {} if scene.obstacle is None else {"obstacle": centres(scene, frames)}
     moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
     extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "seconds": solution.seconds,
              "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure}
+    if from_file:
+        extra["mesh_file"] = mesh_file(scene)
     if scene.steps.dynamic and scene.steps.duration is not None:
         extra["step_seconds"] = scene.steps.duration / scene.steps.count
     return Trajectory(
@@ -91,9 +98,9 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
                    "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released,
-                   **moving},
+                   **moving, **way},
         scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
-        extra=extra)
+        extra=extra, places=places_of(mesh) if from_file else None)
 
 
 @dataclass(frozen=True)
@@ -117,7 +124,7 @@ def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_l
 
 
 def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: int = 0, workers: int | None = None,
-             cluster: str = "", time_limit: float = math.inf) -> dict[str, Any]:
+             cluster: str = "", tls: Sequence[str] = (), time_limit: float = math.inf) -> dict[str, Any]:
     """Make a folder of trajectories, or what is missing of it, and its manifest.
 
     Args:
@@ -125,6 +132,7 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         out: the folder; when it holds a data set, then one of the same family and seed
         workers: processes on this machine, by default one for each core
         cluster: address of a Dask scheduler whose workers do it instead; they must see the folder under the same name
+        tls: for one at tls://, the files of its authority's certificate, of our certificate and of its key
         time_limit: [s] for each attempt at a scene; one that takes longer counts as failed, so with a limit the set may
             depend on the machine
 
@@ -142,6 +150,8 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         raise InputError(f"workers = {workers}: must be at least 1")
     if not time_limit > 0:
         raise InputError(f"time limit {time_limit:g} s: must be above 0")
+    if cluster:  # its workers are at home elsewhere
+        family = dataclasses.replace(family, folder=family.folder.absolute())
     jobs = jobs_of(family, splits, out, seed, time_limit)
     scenes = [draw(family, seed, job.index) for job in jobs]
     manifest = _open(out, family, seed)
@@ -154,7 +164,8 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
     if not missing:
         done: Any = ()
     elif cluster:
-        done = on_cluster(_make, missing, cluster, prepare=(compile_forms, scenes), folder=out, kept=len(jobs) - len(missing))
+        done = on_cluster(_make, missing, cluster, prepare=(compile_forms, scenes), folder=out, kept=len(jobs) - len(missing),
+                          tls=tls)
     else:
         compile_forms(scenes)
         done = on_this_machine(_make, missing, min(workers, len(missing)), kept=len(jobs) - len(missing))
@@ -233,17 +244,30 @@ def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
         found = read_trajectory(job.out / job.file)
     except InputError:
         return None
-    scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ()))).to_toml()
-    if (found.seed, found.index, found.scene) != (job.seed, job.index, scene) or problems(found):
+    scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ())))
+    if (found.seed, found.index) != (job.seed, job.index) or problems(found) or not _of(scene, found):
         return None
     entry = dataset.entry_of(job.file, found)
     return entry if known.get(job.file, entry.sha256) == entry.sha256 else None
 
 
+def _of(scene: Scene, found: Trajectory) -> bool:
+    """Whether a trajectory is of this very scene; a mesh file may go by another path if it is the same file."""
+    if scene.body.shape != "file":
+        return found.scene == scene.to_toml()
+    try:
+        there = Scene.from_toml(found.scene)
+    except InputError:
+        return False
+    same = dataclasses.replace(there, body=dataclasses.replace(there.body, path=scene.body.path)) == scene
+    return same and found.places is not None and found.extra.get("mesh_file", {}).get("sha256") == mesh_file(scene)["sha256"]
+
+
 def compile_forms(scenes: list[Scene]) -> None:
     """Compile what the workers will need, before they start: at once they would race for the cache on disk."""
-    for like in {(scene.body.cell, scene.material.law): scene for scene in scenes}.values():
-        body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=like.body.cell)
+    cell_of = {body: build_mesh(body).cell if body.shape == "file" else body.cell for body in {scene.body for scene in scenes}}
+    for cell, like in {(cell_of[scene.body], scene.material.law): (cell_of[scene.body], scene) for scene in scenes}.values():
+        body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=cell)
         scene = Scene(body=body, material=like.material, steps=Steps(count=1))
         solve(scene)
         elastic_modes(scene, count=1)

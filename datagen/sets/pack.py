@@ -30,12 +30,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.trajectory import OBSTACLE, Trajectory, read_trajectory, write_trajectory
+from datagen.files.layout import misshapen
+from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.sets import dataset
 from datagen.sets.workers import progress
 from physics.mesh.cell import OF_VTK
 from physics.schema import InputError, read_table, to_table
-from physics.whole import written_whole
+from physics.whole import folder_whole, written_whole
 
 Arrays = dict[str, NDArray[Any]]
 SCHEMA = 1
@@ -89,24 +90,34 @@ def unpack(file: str | Path, out: str | Path) -> dict[str, Any]:
     if (out / "manifest.json").exists():
         raise InputError(f"{out} holds a data set already; choose another folder")
     try:
-        with zipfile.ZipFile(file) as archive:
+        with zipfile.ZipFile(file) as archive, folder_whole(out) as part:
             about = json.loads(archive.read("manifest.json"))
             if about.get("schema") != SCHEMA:
                 raise InputError(f"{file}: packed schema {about.get('schema')}, this program reads {SCHEMA}")
             manifest, entries = read_table(dataset.Manifest, about["manifest"]), []
             for entry in progress(manifest.trajectories, "unpacking"):
                 trajectory = decode(archive.read(entry.file.removesuffix(".vtkhdf")))
-                write_trajectory(out / entry.file, trajectory)
+                if wrong := misshapen(trajectory) or "".join(problems(trajectory)[:1]):
+                    raise InputError(f"{file}: {entry.file}: {wrong}")
+                write_trajectory(_inside(part, entry.file), trajectory)
                 entries.append(replace(entry, sha256=dataset.digest(trajectory)))
+            dataset.write_manifest(part, replace(manifest, trajectories=tuple(entries)))
     except FileNotFoundError:
         raise InputError(f"{file}: no such file") from None
-    except (zipfile.BadZipFile, lzma.LZMAError, KeyError, ValueError, EOFError, RuntimeError, OSError) as error:
+    except (zipfile.BadZipFile, lzma.LZMAError, KeyError, ValueError, TypeError, IndexError, AttributeError, EOFError, OverflowError,
+            RuntimeError, NotImplementedError, OSError) as error:
         # A damaged place in the archive is an OSError without a file's name; with one it is a folder that cannot be written.
         if isinstance(error, InputError) or getattr(error, "filename", None):
             raise
         raise InputError(f"{file}: not a whole packed data set: {error}") from None
-    dataset.write_manifest(out, replace(manifest, trajectories=tuple(entries)))
     return {"trajectories": len(entries), "tolerance": about["tolerance"]}
+
+
+def _inside(folder: Path, name: str) -> Path:
+    """The place of a file in a folder. Raises `InputError` for one that would lie elsewhere."""
+    if not (folder / name).resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"its manifest names {name!r}, which is no file of a data set")
+    return folder / name
 
 
 def encode(trajectory: Trajectory, tolerance: float) -> tuple[bytes, float]:
@@ -120,9 +131,13 @@ def encode(trajectory: Trajectory, tolerance: float) -> tuple[bytes, float]:
     arrays |= {f"field {name}": array for name, array in trajectory.fields.items()}
     if trajectory.segment is not None:
         arrays["segment"] = trajectory.segment
+    for number, place in enumerate((trajectory.places or {}).values()):
+        arrays |= {f"place {number} {kind}": array for kind, array in place.items()}
     header = {name: getattr(trajectory, name) for name in HEADER}
     header["extra"] = {**trajectory.extra, "tolerance": max(tolerance, trajectory.extra.get("tolerance", 0.0))}
     header["frames"] = len(trajectory.displacement)
+    if trajectory.places is not None:
+        header["places"] = list(trajectory.places)
     if rigid:
         arrays["path"] = trajectory.displacement[:, trajectory.node_kind == OBSTACLE][:, 0]
     arrays["moving"] = moving
@@ -151,15 +166,18 @@ def decode(blob: bytes) -> Trajectory:
     displacement[:, moving] = arrays["motion"] if "motion" in arrays else _motion(arrays["shapes"], arrays["shares"], *steps)
     ends = np.cumsum([OF_VTK[int(kind)].corners for kind in arrays["types"]])
     header["frequencies_hz"] = tuple(header["frequencies_hz"])
+    names = header.pop("places", None)
 
     def named(prefix: str) -> Arrays:
         return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
+    places = None if names is None else {name: named(f"place {number} ") for number, name in enumerate(names)}
     per_frame = {name: array.astype(np.float64 if array.dtype.kind == "f" else array.dtype) for name, array in named("frame ").items()}
     return Trajectory(
         points=arrays["points"], types=arrays["types"], node_kind=kinds, connectivity=np.cumsum(arrays["connectivity"], dtype=np.int64),
         offsets=np.concatenate([[0], ends]).astype(np.int64), displacement=displacement, segment=arrays.get("segment"),
-        modes=(arrays["modes"] * MODE_STEP).astype(np.float32), per_frame=per_frame, fields=named("field "), **header)
+        modes=(arrays["modes"] * MODE_STEP).astype(np.float32), per_frame=per_frame, fields=named("field "),
+        places=places, **header)
 
 
 def _moving(trajectory: Trajectory) -> tuple[NDArray[np.bool_], bool]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from datagen.family.family import Family, draw
 from datagen.sets.generate import jobs_of
@@ -27,7 +27,7 @@ from physics.scene import Scene
 
 
 def graph_diameter(edges: NDArray[np.int64], nodes: int) -> int:
-    """The exact diameter of a connected graph of edges (E, 2), by searches from a few nodes only.
+    """The exact diameter of a graph of edges (E, 2), of its widest piece where it is in several, by searches from a few nodes only.
 
     From a node v at distance d of w, with eccentricity e(v) known, max(d, e(v) - d) <= e(w) <= e(v) + d. Nodes whose upper
     bound does not exceed the largest lower one cannot raise the diameter; the rest are searched from, alternately the
@@ -35,6 +35,15 @@ def graph_diameter(edges: NDArray[np.int64], nodes: int) -> int:
     """
     graph = scipy.sparse.csr_matrix((np.ones(len(edges), np.int8), edges.T), shape=(nodes, nodes))
     graph = graph + graph.T
+    pieces, piece = connected_components(graph, directed=False)
+    if pieces > 1:
+        return max(_diameter(graph[piece == i][:, piece == i]) for i in range(pieces))
+    return _diameter(graph)
+
+
+def _diameter(graph: scipy.sparse.csr_matrix) -> int:
+    """The diameter of a connected graph (N, N)."""
+    nodes = graph.shape[0]
     lower, upper = np.zeros(nodes), np.full(nodes, np.inf)
     open_ = np.ones(nodes, bool)
     peripheral = True
@@ -43,8 +52,6 @@ def graph_diameter(edges: NDArray[np.int64], nodes: int) -> int:
         v = index[np.argmax(upper[index] + 1e-6 * lower[index])] if peripheral else index[np.argmin(lower[index])]
         distance = dijkstra(graph, indices=int(v), unweighted=True)
         far = distance.max()
-        if not np.isfinite(far):
-            raise ValueError("the graph is not connected")
         lower = np.maximum(lower, np.maximum(distance, far - distance))
         upper = np.minimum(upper, far + distance)
         open_ &= (upper > lower.max()) & (lower < upper)
@@ -63,7 +70,7 @@ def figures(scene: Scene) -> dict[str, Any]:
     length, width = np.ptp(mesh.points[:, :2], axis=0)
     return {"nodes": nodes, "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
             "steps": scene.steps.count, "xy_extent": float(length * width), "obstacle": obstacle,
-            "support": " and ".join(support.where for support in scene.support) or "none"}
+            "support": " and ".join(str(support.where) for support in scene.support) or "none"}
 
 
 def spread(values: ArrayLike) -> dict[str, float]:

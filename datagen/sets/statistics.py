@@ -20,12 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from datagen.files.solved import solved_on
 from datagen.files.trajectory import Trajectory, read_trajectory
 from datagen.sets import dataset
 from datagen.sets.check import precision
 from datagen.sets.plan import graph_diameter, summary
 from datagen.sets.workers import progress
 from physics.fem import release
+from physics.mesh.mesh import Mesh
+from physics.mesh.refine import halved
 from physics.scene import Scene, Steps
 from physics.schema import InputError
 from physics.solution import solve
@@ -77,12 +80,12 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
     row: dict[str, Any] = {
         "nodes": len(trajectory.points), "obstacle_nodes": int((~body).sum()), "cells": len(mesh.cells),
         "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)), "steps": len(u) - 1, "xy_extent": float(length * width),
-        "displacement_rms": _rms(moving[1:]), "displacement_largest": float(np.linalg.norm(moving, axis=2).max()),
+        "displacement_rms": _rms(moving[1:]), "displacement_largest": float(np.linalg.norm(moving, axis=2).max(initial=0.0)),
         "change_rms": _rms(change), "change_of_change_rms": _rms(np.diff(change, axis=0)) if len(u) > 2 else 0.0,
-        "storage_noise": float(np.sqrt((precision(trajectory)[:, free] ** 2).sum(axis=2).mean()))}
+        "storage_noise": _rms(precision(trajectory)[:, free])}
     if trajectory.scene:
         scene = Scene.from_toml(trajectory.scene)
-        row |= {"support": " and ".join(support.where for support in scene.support) or "none",
+        row |= {"support": " and ".join(str(support.where) for support in scene.support) or "none",
                 "obstacle": scene.obstacle.shape if scene.obstacle else "none"}
     for name, value in trajectory.per_frame.items():
         if name == "reaction":
@@ -90,13 +93,13 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
         elif name == "smallest_det_f":
             row[name] = float(value.min())
         elif name == "newton_iterations":
-            row[name] = float(value[1:].mean())
-        else:
+            row[name] = float(value[1:].mean()) if len(value) > 1 else 0.0
+        elif name != "obstacle":
             row[f"{name}_largest"] = float(value.max())
     if "relative_residual" in trajectory.per_frame:
         row["solver_noise"] = float(trajectory.per_frame["relative_residual"].max()) * row["displacement_rms"]
     seconds = float(trajectory.extra.get("seconds", 0.0))
-    return row | {"seconds": seconds, "ms_per_step": 1e3 * seconds / (len(u) - 1)}
+    return row | {"seconds": seconds, "ms_per_step": 1e3 * seconds / max(1, len(u) - 1)}
 
 
 def mesh_error(trajectory: Trajectory) -> dict[str, float]:
@@ -109,31 +112,34 @@ def mesh_error(trajectory: Trajectory) -> dict[str, float]:
         seconds: of the refined solution
 
     Raises:
-        RuntimeError: one of the two solutions failed
+        RuntimeError: one of the two solutions failed, there is no scene, or its body is in motion
     """
+    if not trajectory.scene:
+        raise RuntimeError("a trajectory without a scene cannot be solved again")
     scene = Scene.from_toml(trajectory.scene)
     every = _every(scene)
     body = trajectory.body
     mine = trajectory.displacement[::every, body].astype(np.float64)  # (F, N, 3)
     free = trajectory.free[body]
-    again, seconds = _solved(scene, every, trajectory.points[body], 1)
-    _, fine, seconds = finer(scene, trajectory.points[body])
+    mesh = solved_on(scene, trajectory)
+    again, seconds = _solved(scene, every, mesh, 1)
+    _, fine, seconds = finer(scene, mesh)
     off = np.linalg.norm(fine - mine, axis=2)[1:, free]
     rms = float(np.sqrt((off**2).mean()))
-    return {"mesh_rmse": rms, "mesh_largest": float(off.max()), "mesh_relative": rms / _rms(mine[1:, free]),
+    return {"mesh_rmse": rms, "mesh_largest": float(off.max()), "mesh_relative": rms / (_rms(mine[1:, free]) or np.inf),
             "solver_largest": float(np.linalg.norm(again - mine, axis=2).max()), "seconds": seconds}
 
 
-def finer(scene: Scene, points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64], float]:
-    """A scene on cells of half the size: every how manyth frame is solved, displacements (F, N, 3) at points (N, 3), and seconds.
+def finer(scene: Scene, mesh: Mesh) -> tuple[int, NDArray[np.float64], float]:
+    """A scene on cells of half the size: every how manyth frame is solved, displacements (F, N, 3) at the mesh's nodes, and seconds.
 
     Raises:
-        RuntimeError: the solution failed, or the body's mesh comes from a file and cannot be refined
+        RuntimeError: the solution failed, or the body is in motion
     """
-    if scene.body.shape == "file":
-        raise RuntimeError("its mesh comes from a file and cannot be refined")
+    if scene.steps.dynamic:
+        raise RuntimeError("a body in motion is not solved again: in other steps it moves otherwise")
     every = _every(scene)
-    return every, *_solved(scene, every, points, 2)
+    return every, *_solved(scene, every, mesh, 2)
 
 
 def _every(scene: Scene) -> int:
@@ -141,15 +147,20 @@ def _every(scene: Scene) -> int:
     return next(k for k in range(max(1, scene.steps.count // FRAMES), scene.steps.count + 1) if scene.steps.count % k == 0)
 
 
-def _solved(scene: Scene, every: int, points: NDArray[np.float64], times: int) -> tuple[NDArray[np.float64], float]:
-    """Displacements (F, N, 3) at points (N, 3) of a scene in fewer steps, on so many times the cells each way, and seconds."""
-    nx, ny, nz = (times * n for n in scene.body.divisions)
-    body = dataclasses.replace(scene.body, cells=(nx, ny, nz), cell_size=None)
+def _solved(scene: Scene, every: int, mesh: Mesh, times: int) -> tuple[NDArray[np.float64], float]:
+    """Displacements (F, N, 3) at the mesh's nodes of a scene in fewer steps, on one or two times the cells each way, and seconds."""
+    scene = dataclasses.replace(scene, steps=Steps(count=scene.steps.count // every))
     release()
-    solution = solve(dataclasses.replace(scene, body=body, steps=Steps(count=scene.steps.count // every)))
+    if scene.body.shape == "file":
+        of_file = mesh if times == 1 else halved(mesh)
+        solution, number = solve(scene, mesh=of_file, partial=True), f"{len(of_file.cells)}"
+    else:
+        nx, ny, nz = (times * n for n in scene.body.divisions)
+        body = dataclasses.replace(scene.body, cells=(nx, ny, nz), cell_size=None)
+        solution, number = solve(dataclasses.replace(scene, body=body), partial=True), f"{nx} x {ny} x {nz}"
     if solution.failure:
-        raise RuntimeError(f"the scene with {nx} x {ny} x {nz} cells: {solution.failure}")
-    distance, node = cKDTree(solution.mesh.points).query(points)
+        raise RuntimeError(f"the scene with {number} cells: {solution.failure}")
+    distance, node = cKDTree(solution.mesh.points).query(mesh.points)
     assert distance.max() < 1e-9, "halved cells keep the nodes"
     return solution.displacement[:, node], solution.seconds
 
@@ -177,18 +188,20 @@ def _refined(folder: Path, manifest: dataset.Manifest, count: int, seed: int) ->
 
 
 def _rms(vectors: NDArray[np.float64]) -> float:
-    """Root mean square length of vectors (..., 3)."""
-    return float(np.sqrt((vectors**2).sum(axis=-1).mean()))
+    """Root mean square length of vectors (..., 3); 0 of none."""
+    return 0.0 if not vectors.size else float(np.sqrt((vectors**2).sum(axis=-1).mean()))
 
 
 def lines(found: dict[str, Any], indent: str = "") -> list[str]:
     """The numbers as lines for a reader."""
     said = []
     for name, value in found.items():
-        if isinstance(value, dict) and any(isinstance(entry, dict) for entry in value.values()):
+        if isinstance(value, dict) and any(isinstance(entry, dict | list) for entry in value.values()):
             said += [f"{indent}{name}", *lines(value, indent + "  ")]
         elif isinstance(value, dict):
             said.append(f"{indent}{name:22s} " + ", ".join(f"{key} {number:.4g}" for key, number in value.items()))
+        elif name == "failures":
+            said += [f"{indent}not solved: {reason}" for reason in dict.fromkeys(value)]
         elif not isinstance(value, list):
             said.append(f"{indent}{name:22s} {value:.5g}" if isinstance(value, float) else f"{indent}{name:22s} {value}")
     return said

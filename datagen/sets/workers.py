@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
+import logging
 import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -58,29 +59,29 @@ def on_this_machine(function: Callable[[J], R], jobs: list[J], processes: int, *
 
 
 def on_cluster(function: Callable[[J], R], jobs: list[J], address: str, *, prepare: tuple[Callable[[Any], None], Any],
-               folder: Path, kept: int = 0) -> Iterator[tuple[J, R]]:
+               folder: Path, kept: int = 0, tls: Sequence[str] = ()) -> Iterator[tuple[J, R]]:
     """Each job with its result, as they come, by the workers of a Dask scheduler.
+
+    A scheduler at tcp:// runs what anybody who reaches it sends: that is for a trusted network. At tls:// both sides show
+    certificates of one authority.
 
     Args:
         prepare: a function and its argument, to be run once on each machine before anything else
         folder: a folder that every worker must see
+        tls: files of the authority's certificate, of our own and of its key; for tls:// without them Dask's own settings hold
 
     Raises:
-        InputError: there is no scheduler, it has no workers, they have several threads, or Dask is not installed
+        InputError: there is no scheduler, its certificate or ours does not hold, it has no workers, they have several threads, or
+            Dask is not installed
         RuntimeError: the folder is not seen, the workers' program is another one, or a worker was lost too often
     """
     try:
-        from distributed import Client
         from distributed import as_completed as completed
         from distributed.comm import CommClosedError
         from distributed.scheduler import KilledWorker
     except ImportError:
         raise InputError("--cluster needs the package distributed: pip install distributed") from None
-    try:
-        client = Client(address, timeout=10, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"--cluster {address}: no Dask scheduler there: {error}") from None
-    with client, _bar(kept, len(jobs)) as bar:
+    with _quiet(), _client(address, tls) as client, _bar(kept, len(jobs)) as bar:
         threads = client.nthreads()
         if not threads:
             raise InputError(f"--cluster {address}: no workers; start some with: dask worker {address} --nthreads 1")
@@ -103,6 +104,40 @@ def on_cluster(function: Callable[[J], R], jobs: list[J], address: str, *, prepa
         finally:
             if client.status == "running":
                 client.cancel(list(futures))
+
+
+def _client(address: str, tls: Sequence[str]) -> Any:
+    """A client of a scheduler, with certificates where its address begins with tls://. Raises `InputError`."""
+    from distributed import Client, Security
+
+    how: dict[str, Any] = {}
+    if tls and not address.startswith("tls://"):
+        raise InputError(f"--cluster {address}: certificates are for an address that begins with tls://")
+    for file in tls:
+        if not Path(file).is_file():
+            raise InputError(f"--tls {file}: no such file")
+    try:
+        if address.startswith("tls://"):
+            files = dict(zip(("tls_ca_file", "tls_client_cert", "tls_client_key"), tls, strict=False))
+            how["security"] = Security(require_encryption=True, **files)
+            if how["security"].get_connection_args("client").get("ssl_context") is None:  # reads the files
+                raise InputError(f"--cluster {address}: needs certificates: --tls CA CERT KEY")
+        return Client(address, timeout=10, set_as_default=False, **how)
+    except InputError:
+        raise
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"--cluster {address}: no Dask scheduler there: {' '.join(str(error).split())}") from None
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No library logs inside: what is wrong ends in one line of ours, and Dask's own tracebacks would stand before it."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(before)
 
 
 def _ready(function: Callable[[Any], None], argument: Any, folder: Path, expected: str) -> None:

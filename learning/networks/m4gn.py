@@ -46,7 +46,15 @@ PRECISIONS = ("float32", "medium", "bfloat16")
 
 @dataclass(frozen=True, kw_only=True)
 class M4GNConfig:
-    """Sizes of the network, the paper's by default, and its arithmetic; walk: steps of the encodings' longest walk, 0 for none."""
+    """Sizes of the network, the paper's by default, and its arithmetic.
+
+    hidden: width of every layer
+    message_steps: how often neighbours talk
+    transformer_layers: in which segments talk
+    heads: of each of these, a divisor of hidden
+    walk: steps of the encodings' longest walk, 0 for none
+    precision: of matrix products
+    """
 
     hidden: int = quantity(128, at_least=1, at_most=4096)
     message_steps: int = quantity(7, at_least=1, at_most=100)

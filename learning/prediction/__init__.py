@@ -6,4 +6,5 @@
     rollout      a network walking through a trajectory
     rivals       what knows nothing, and finite elements at several meshes
     surrogates   trained networks, alone and corrected by Newton steps
+    foreign      what users bring along: folders of files, functions
 """

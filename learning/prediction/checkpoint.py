@@ -13,24 +13,20 @@ renamed: a training killed at any moment leaves a whole one. No pickle: safetens
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
 from torch import Tensor
 
 from learning.config import TrainConfig
 from learning.networks.m4gn import M4GN
+from learning.networks.stored import read_stored, under, write_stored
 from learning.prediction.memory import keep_freed_memory
 from learning.samples.samples import Normaliser
+from learning.slender.model import Slender, is_slender, load_slender
 from physics.schema import InputError, read_table
-from physics.whole import write_whole
-
-SCHEMA = 1
 
 
 @dataclass(frozen=True)
@@ -60,6 +56,8 @@ class Model:
     normaliser: Normaliser
     name: str
 
+    title = "M4GN"  # in reports
+
 
 def write_checkpoint(path: Path, saved: Checkpoint) -> None:
     """Write a whole checkpoint, or none. Raises OSError."""
@@ -68,31 +66,21 @@ def write_checkpoint(path: Path, saved: Checkpoint) -> None:
     tensors |= {f"optimizer.{i}.{name}": value for i, entry in saved.optimizer.items() for name, value in entry.items()}
     if saved.generator is not None:
         tensors["generator"] = saved.generator
-    about = json.dumps({"schema": SCHEMA, **saved.about})
-    write_whole(path, save({name: value.detach().contiguous() for name, value in tensors.items()}, {"about": about}))
+    write_stored(path, saved.about, tensors)
 
 
 def read_checkpoint(path: str | Path) -> Checkpoint:
     """Read a checkpoint. Raises `InputError` in one line when it is missing, cut short, or something else."""
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such checkpoint")
+    about, tensors = read_stored(path)
     try:
-        with safe_open(path, framework="pt") as file:
-            about = json.loads((file.metadata() or {}).get("about", "{}"))
-            if about.get("schema") != SCHEMA:
-                raise InputError(f"{path}: checkpoint schema {about.get('schema')}, this program reads {SCHEMA}")
-            tensors = {name: file.get_tensor(name) for name in file.keys()}
         optimizer: dict[int, dict[str, Tensor]] = {}
-        for name, value in _under("optimizer.", tensors).items():
+        for name, value in under("optimizer.", tensors).items():
             number, entry = name.split(".", 1)
             optimizer.setdefault(int(number), {})[entry] = value
         normaliser = Normaliser(**{field.name: tensors[f"normaliser.{field.name}"] for field in fields(Normaliser)})
-        return Checkpoint(about, _under("weights.", tensors), normaliser, optimizer, tensors.get("generator"))
-    except (SafetensorError, KeyError, ValueError, OSError) as error:
-        if isinstance(error, InputError):
-            raise
+    except (KeyError, ValueError) as error:
         raise InputError(f"{path}: not a whole checkpoint: {str(error).splitlines()[0]}") from None
+    return Checkpoint(about, under("weights.", tensors), normaliser, optimizer, tensors.get("generator"))
 
 
 def load_weights(network: torch.nn.Module, saved: Checkpoint, path: str | Path) -> None:
@@ -104,16 +92,15 @@ def load_weights(network: torch.nn.Module, saved: Checkpoint, path: str | Path) 
         raise InputError(f"{path}: its weights do not fit its config: {lines[min(1, len(lines) - 1)]}") from None
 
 
-def load_model(run: str | Path) -> Model:
+def load_model(run: str | Path) -> Model | Slender:
     """The best network of a run folder. Raises `InputError` when the folder holds no whole one."""
     path = Path(run) / "model.safetensors"
-    saved = read_checkpoint(path)
+    about, _ = read_stored(path)
     keep_freed_memory()
+    if is_slender(about):
+        return load_slender(run)
+    saved = read_checkpoint(path)
     config = read_table(TrainConfig, saved.about.get("config"), f"{path}: config")
     network = M4GN(config.network)
     load_weights(network, saved, path)
     return Model(config, network.eval(), saved.normaliser, str(run))
-
-
-def _under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}

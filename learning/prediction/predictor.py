@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,12 +26,21 @@ class LeftOut(Exception):
 
 @dataclass(frozen=True)
 class Case:
-    """A test trajectory with its scene and the mesh that the scene builds."""
+    """A test trajectory with its scene, None where it has none, the mesh that it was solved on, and its file, by whose name predictions
+    are found."""
 
     name: str
     trajectory: Trajectory
-    scene: Scene
+    known: Scene | None
     mesh: Mesh
+    file: Path | None = None
+
+    @property
+    def scene(self) -> Scene:
+        """The scene. Raises `LeftOut` where there is none."""
+        if self.known is None:
+            raise LeftOut("there is no scene, and so there are no equations")
+        return self.known
 
     @property
     def truth(self) -> NDArray[np.float32]:
@@ -55,6 +65,7 @@ class Prediction:
     one_step: (T - 1, N, 3) predictions of frames 1 .. T - 1, each from the true frame before; None when it starts from none
     seconds: processor time of all steps; set_up: before the first one, spent anew on each scene
     iterations: Newton steps in all, where there are any
+    bar, unsure: (T,) error bar [m] of each frame, and whether the predictor says that it does not know; None where it cannot say
     """
 
     path: Floats
@@ -62,6 +73,8 @@ class Prediction:
     seconds: float
     set_up: float = 0.0
     iterations: int | None = None
+    bar: Floats | None = None
+    unsure: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from physics.equilibrium.newton import TOLERANCE
-from physics.equilibrium.state import NoEquilibrium
 from physics.mesh.mesh import Mesh
 from physics.mesh.transfer import interpolate
-from physics.reduced.model import Reduced
 from physics.scene import Scene, Steps
 from physics.solution import solve
 
@@ -85,13 +83,15 @@ def elements(name: str, *, halvings: int = 0, fewer: int = 1, tolerance: float =
         for _ in range(halvings):
             scene = coarser(scene) if scene is not None else None
         if scene is None:
-            raise LeftOut("there are no cells left to halve")
+            raise LeftOut("the mesh is that of a file, which is not made coarser" if case.scene.body.shape == "file" else
+                          "there are no cells left to halve")
         if law is not None:
             if scene.material.law == law:
                 raise LeftOut(f"the material is {law} already")
             scene = replace(scene, material=replace(scene.material, law=law))
         count = max(1, round(case.steps / fewer))
-        mesh, path, set_up, seconds, iterations = follow(replace(scene, steps=Steps(count=count)), tolerance)
+        own = case.mesh if scene.body.shape == "file" else None  # a shape's is built, a part of the set-up
+        mesh, path, set_up, seconds, iterations = follow(replace(scene, steps=Steps(count=count)), tolerance, own)
         started = time.process_time()
         if count != case.steps:
             path = between(path, case.steps)
@@ -102,29 +102,10 @@ def elements(name: str, *, halvings: int = 0, fewer: int = 1, tolerance: float =
     return Predictor(name, "reference" if name == REFERENCE else "fe", predict)
 
 
-def reduced(name: str, *, fewer: int = 1) -> Predictor:
-    """The reduced-order model of physics.reduced.model, on request in so many times fewer steps."""
-
-    def predict(case: Case) -> Prediction:
-        count = max(1, round(case.steps / fewer))
-        started = time.process_time()
-        model = Reduced(case.scene, case.mesh)
-        set_up = time.process_time() - started
-        try:
-            path = model.path(count)
-        except NoEquilibrium as error:
-            raise LeftOut(f"{error}") from None
-        if count != case.steps:
-            path = between(path, case.steps)
-        return Prediction(path=path, seconds=time.process_time() - started - set_up, set_up=set_up, iterations=model.iterations)
-
-    return Predictor(name, "reduced", predict)
-
-
-def follow(scene: Scene, tolerance: float = TOLERANCE) -> tuple[Mesh, Floats, float, float, int]:
-    """The solver's path: its mesh, (T, N, 3), seconds of set-up and of stepping, and Newton steps. Raises `LeftOut`."""
+def follow(scene: Scene, tolerance: float = TOLERANCE, mesh: Mesh | None = None) -> tuple[Mesh, Floats, float, float, int]:
+    """The solver's path: its mesh (the scene's by default), (T, N, 3), seconds of set-up and of steps, Newton steps. Raises `LeftOut`."""
     started = time.process_time()
-    found = solve(scene, tolerance=tolerance)
+    found = solve(scene, mesh=mesh, tolerance=tolerance, partial=True)
     if found.failure:
         raise LeftOut(f"there is {found.failure}")
     seconds = time.process_time() - started - found.set_up

@@ -19,15 +19,20 @@ from learning.prediction.checkpoint import Model
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.prediction.rollout import predict_step, rollout
 from learning.samples.estimate import estimate
+from learning.slender.model import Slender
+from learning.slender.path import predict as predict_path
 from physics.equilibrium.state import NoEquilibrium
 from physics.fidelity.correct import Corrector
 from physics.mesh.mesh import Mesh
 from physics.modes.elastic import elastic_modes
 from physics.scene import Scene
+from physics.schema import InputError
 
 
-def learned(model: Model, name: str = "M4GN", *, single_steps: bool = True) -> Predictor:
+def learned(model: Model | Slender, name: str = "M4GN", *, single_steps: bool = True) -> Predictor:
     """The network's own rollout, and with it single steps from true states, whose time does not count."""
+    if isinstance(model, Slender):
+        return _of_beams(model, name, single_steps)
 
     def predict(case: Case) -> Prediction:
         modes = _modes_seconds(model, case)
@@ -44,7 +49,23 @@ def learned(model: Model, name: str = "M4GN", *, single_steps: bool = True) -> P
     return Predictor(name, "learned", predict)
 
 
-def corrected(model: Model, count: int | None, name: str = "M4GN") -> Predictor:
+def _of_beams(model: Slender, name: str, single_steps: bool) -> Predictor:
+    """A predictor of beams. It takes a scene and the mesh's nodes as the solver does, and nothing is set up before."""
+
+    def predict(case: Case) -> Prediction:
+        start = time.process_time()
+        try:
+            path = predict_path(model, case.scene, case.mesh.points)
+        except InputError as error:
+            raise LeftOut(str(error)) from None
+        seconds = time.process_time() - start
+        steps = predict_step(model, case.trajectory)[:, case.trajectory.body] if single_steps else None
+        return Prediction(path=path.displacement, one_step=steps, seconds=seconds, bar=path.bar, unsure=path.unsure)
+
+    return Predictor(name, "learned", predict)
+
+
+def corrected(model: Model | Slender, count: int | None, name: str = "M4GN") -> Predictor:
     """Each predicted frame followed by `count` Newton steps, from which the rollout goes on; None: to the solver's tolerance."""
 
     def predict(case: Case) -> Prediction:
@@ -59,20 +80,24 @@ def corrected(model: Model, count: int | None, name: str = "M4GN") -> Predictor:
     return Predictor(f"{name}, {how}", "hybrid", predict)
 
 
-def estimated(name: str = "M4GN") -> Predictor:
-    """What a network with scheme = "pose" corrects, without the network: nothing of it is learned."""
+def estimated(name: str) -> Predictor:
+    """The reduced-order model: what a network with estimate = true corrects, without the network. Nothing of it is learned."""
 
     def predict(case: Case) -> Prediction:
         start, path = time.process_time(), np.zeros_like(case.truth)
         given = np.where(case.trajectory.free[:, None], np.float32(0), case.trajectory.displacement)
-        found = estimate(replace(case.trajectory, displacement=given), np.arange(1, case.steps + 1))
+        try:
+            found = estimate(replace(case.trajectory, displacement=given), np.arange(1, case.steps + 1))
+        except InputError as error:
+            raise LeftOut(f"{error}") from None
         path[1:] = found.displacement[:, case.trajectory.body]
         return Prediction(path=path, seconds=time.process_time() - start)
 
-    return Predictor(f"{name}, its estimate alone", "reduced", predict)
+    return Predictor(name, "reduced", predict)
 
 
-def corrected_rollout(model: Model, trajectory: Trajectory, scene: Scene, mesh: Mesh, count: int | None) -> tuple[Trajectory, Corrector]:
+def corrected_rollout(model: Model | Slender, trajectory: Trajectory, scene: Scene, mesh: Mesh,
+                      count: int | None) -> tuple[Trajectory, Corrector]:
     """The rollout of which each frame is corrected before the next one is predicted, and the corrector.
 
     Raises:
@@ -103,9 +128,9 @@ def _split(predicted: Trajectory, start: float, began: float) -> tuple[float, fl
     return share * whole, (1 - share) * whole
 
 
-def _modes_seconds(model: Model, case: Case) -> float:
+def _modes_seconds(model: Model | Slender, case: Case) -> float:
     """What the elastic mode costs that the segments need; the file brings it along, another scene would not."""
-    if "md" not in model.config.method or model.config.modes != "elastic":
+    if isinstance(model, Slender) or case.known is None or "md" not in model.config.method or model.config.modes != "elastic":
         return 0.0
     start = time.process_time()
     elastic_modes(case.scene, count=1, mesh=case.mesh)

@@ -1,10 +1,11 @@
 """What is measured and said of predictors?
 
-    measure    every predictor on every case
-    table      columns, units and rows
-    pareto     speed against error, as a picture
-    report     report.html and report.json
-    shown      which trajectory and which frames are shown to be turned by hand
-    evaluate   a trained run beside its rivals
-    compare    all rivals on one scene or set
+    measure       every predictor on every case
+    table         columns, units and rows
+    pareto        speed against error, as a picture
+    report        report.html and report.json
+    shown         which trajectory and which frames are shown to be turned by hand
+    differences   of trained runs, and their spread
+    evaluate      a trained run beside its rivals
+    compare       all rivals on one scene or set
 """

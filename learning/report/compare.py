@@ -12,23 +12,26 @@ from typing import Any
 
 import torch
 
-from datagen.files.trajectory import as_solved
+from datagen.files.solved import as_solved, solved_on
 from datagen.sets.dataset import files
 from datagen.sets.generate import trajectory_of
 from learning.prediction.checkpoint import Model, load_model
+from learning.prediction.foreign import Own
 from learning.prediction.predictor import Case, Predictor
-from learning.prediction.rivals import REFERENCE, elements, reduced, trivial
+from learning.prediction.rivals import REFERENCE, elements, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
-from learning.report.evaluate import evenly, load_cases, report_on
-from physics.mesh.build import build_mesh
+from learning.report.evaluate import evenly, load_cases, own_predictors, report_on
+from learning.report.table import KINDS
+from learning.slender.model import Slender
 from physics.scene import load_scene
-from physics.schema import InputError
+from physics.schema import InputError, nearest
 
 LOOSE = 1e-2  # residual over reaction
 
 
 def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, count: int = 5, split: str = "test",
-            refined: int | None = None, repeats: int = 3, say: Callable[[str], None] | None = None) -> dict[str, Any]:
+            refined: int | None = None, repeats: int = 3, predictions: Sequence[Sequence[str]] = (),
+            functions: Sequence[Own] = (), only: Sequence[str] = (), say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Measure every predictor on a scene file, or on some trajectories of a data set, and write the report folder.
 
     Args:
@@ -37,6 +40,8 @@ def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, co
         count, split: how many trajectories of which split of a data set, evenly spaced
         refined: how many of them are solved on finer cells as well; all by default
         repeats: of each timing
+        predictions, functions: what users bring along, see `evaluate.own_predictors`
+        only: kinds of predictors (table.KINDS) that are measured; all by default
 
     Returns:
         the content of report.json and "report", the folder
@@ -50,10 +55,19 @@ def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, co
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        return report_on(predictors(models), cases, Path(out), title="Speed against error", runs=models,
+        own, about = own_predictors(predictions, functions, cases)
+        return report_on([*own, *chosen(predictors(models), only)], cases, Path(out), about=about, title="Speed against error", runs=models,
                          refined=len(cases) if refined is None else refined, repeats=repeats, say=say)
     finally:
         torch.set_num_threads(before)
+
+
+def chosen(every: Sequence[Predictor], only: Sequence[str]) -> list[Predictor]:
+    """The predictors of some kinds, the reference always among them; all of them when no kind is named. Raises `InputError`."""
+    for kind in only:
+        if kind not in KINDS:
+            raise InputError(f"--only {kind}: must be some of {', '.join(KINDS)}{nearest(kind, KINDS)}")
+    return [predictor for predictor in every if not only or predictor.kind in (*only, "reference")]
 
 
 def scene_case(path: str | Path) -> list[Case]:
@@ -64,7 +78,7 @@ def scene_case(path: str | Path) -> list[Case]:
     trajectory = trajectory_of(scene)
     if not trajectory.complete:
         raise RuntimeError(f"{path}: {trajectory.extra['failure']}")
-    return [Case(Path(path).stem, trajectory, as_solved(scene, trajectory, scene.steps.count), build_mesh(scene.body))]
+    return [Case(Path(path).stem, trajectory, as_solved(scene, trajectory, scene.steps.count), solved_on(scene, trajectory))]
 
 
 def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:
@@ -73,16 +87,15 @@ def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:
     return load_cases([found[i] for i in evenly(count, len(found))])
 
 
-def predictors(models: dict[str, Model]) -> list[Predictor]:
+def predictors(models: dict[str, Model | Slender]) -> list[Predictor]:
     """All of them, learned ones first; with several runs these carry the names of their folders."""
-    names = {run: "M4GN" if len(models) == 1 else f"M4GN {Path(run).name}" for run in models}
+    names = {run: model.title if len(models) == 1 else f"{model.title} {Path(run).name}" for run, model in models.items()}
     if len(set(names.values())) < len(names):
         raise InputError(f"--run: the folders {', '.join(models)} must have different names, by which the report calls them")
     rungs = [predictor for run, model in models.items()
-             for predictor in (learned(model, names[run]), *([estimated(names[run])] if model.config.estimate else []),
-                              corrected(model, 1, names[run]), corrected(model, None, names[run]))]
+             for predictor in (learned(model, names[run]), corrected(model, 1, names[run]), corrected(model, None, names[run]))]
     return [*rungs, *trivial(),
             elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2),
             elements("FE, a tenth of the steps", fewer=10), elements(f"FE, tolerance {LOOSE:g}", tolerance=LOOSE),
             elements("FE, cells halved, a tenth of the steps", halvings=1, fewer=10), elements("FE, linear elasticity", law="linear"),
-            reduced("reduced-order model"), reduced("reduced-order model, a tenth of the steps", fewer=10), elements(REFERENCE)]
+            estimated("reduced-order model"), elements(REFERENCE)]

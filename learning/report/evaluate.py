@@ -1,5 +1,7 @@
 """Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report.
 
+Where the trajectories have no scene, as imported ones, the network and what knows nothing are held against the data alone.
+
 On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser
 meshes, and the solver that made the truth, run again here for its time. What is written: report.py; the rivals: rivals.py;
 how they are measured: measure.py. All rivals at once, timed with repeats: compare.py.
@@ -11,6 +13,7 @@ import datetime
 import os
 import platform
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,25 +22,29 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from datagen.files.prediction import read_truth
+from datagen.files.prediction import read_reference
 from datagen.files.provenance import commit, processor, versions
-from learning.prediction.checkpoint import Model, load_model, read_checkpoint
+from learning.networks.stored import read_stored
+from learning.prediction.checkpoint import Model, load_model
+from learning.prediction.foreign import Own, from_folder, from_function
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
+from learning.report.differences import differing, spread_said
 from learning.report.measure import Measurement, measure
 from learning.report.report import write_report
 from learning.report.shown import exhibits, worst_frames
-from learning.report.table import Report, Row
+from learning.report.table import JUDGED, Report, Row
 from learning.samples.seen import Seen, outside, read_seen
-from physics.scene import Scene
-from physics.schema import InputError
-from physics.view import Obstacle, frame_picture
+from learning.slender.model import Slender
+from physics.schema import InputError, to_table
+from physics.view import ObstacleSurface, frame_picture
 
 SAMPLE = 25  # frames of a trajectory at which the equations are checked
 
 
 def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, correct: int = 1, refined: int = 1,
+             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (),
              say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Roll a trained network out over test trajectories and write the report folder.
 
@@ -47,28 +54,53 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         out: report folder
         correct: Newton steps after each frame of the corrected rollout
         refined: how many of the test scenes are solved on finer cells as well
+        predictions, functions: what users bring along, see `own_predictors`
         say: takes a line of what comes out
 
     Returns:
         the content of report.json and "report", the folder
 
     Raises:
-        InputError: no whole checkpoint, no files, a file without a scene, a mesh that is not the one its scene builds
+        InputError: no whole checkpoint, no files, a mesh that is not the one its scene builds
     """
     if not files:
         raise InputError("no trajectories to evaluate on")
     model = load_model(run)
     cases = load_cases(files)
-    alone = [estimated()] if model.config.estimate else []
-    predictors = [learned(model), *alone, corrected(model, correct), *trivial(), elements("FE, cells halved", halvings=1),
-                  elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
+    alone = [estimated("M4GN, its estimate alone")] if has_estimate(model) else []
+    own, about = own_predictors(predictions, functions, cases)
+    if any(case.known is None for case in cases):
+        return report_on([*own, learned(model, model.title), *trivial()], cases, Path(out),
+                         title="A learned simulator held against its data", runs={str(run): model}, refined=0, about=about, say=say)
+    predictors = [*own, learned(model, model.title), *alone, corrected(model, correct, model.title), *trivial(),
+                  elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2), elements(REFERENCE)]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
-                     refined=refined, say=say)
+                     refined=refined, about=about, say=say)
+
+
+def own_predictors(predictions: Sequence[Sequence[str]], functions: Sequence[Own],
+                   cases: Sequence[Case]) -> tuple[list[Predictor], dict[str, str]]:
+    """What users bring along, and where each comes from, in words.
+
+    Args:
+        predictions: each a folder, on request a name, and milliseconds a step; a file in it for each case
+        functions: each a function of `Inputs`, or module:function and on request a name
+
+    Raises:
+        InputError: a file or a function is missing, or is no prediction of its case
+    """
+    found = [from_folder(words, cases) for words in predictions] + [from_function(words) for words in functions]
+    return [predictor for predictor, _ in found], {predictor.name: said for predictor, said in found}
+
+
+def has_estimate(model: Model | Slender) -> bool:
+    """Whether a network corrects an estimate, which predicts by itself too."""
+    return not isinstance(model, Slender) and model.config.estimate
 
 
 def load_cases(files: Sequence[str | Path]) -> list[Case]:
     """The trajectories that predictions can be held against, named by their files. Raises `InputError`."""
-    return [Case(Path(file).stem, *read_truth(file)) for file in files]
+    return [Case(Path(file).stem, *read_reference(file), Path(file)) for file in files]
 
 
 def evenly(count: int, of: int) -> list[int]:
@@ -77,23 +109,46 @@ def evenly(count: int, of: int) -> list[int]:
     return found
 
 
-def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model],
-              refined: int, repeats: int = 1, say: Callable[[str], None] | None = None) -> dict[str, Any]:
-    """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder."""
+def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model | Slender],
+              refined: int, repeats: int = 1, about: dict[str, str] | None = None,
+              say: Callable[[str], None] | None = None) -> dict[str, Any]:
+    """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder.
+
+    about: what is to be said of some predictors, by name
+    """
+    names = [predictor.name for predictor in predictors]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"two predictors are called {twice[0]!r}: give each a name of its own")
     known = {run: read_seen(run) for run in runs}
-    warm_up(cases[0].scene)
+    if cases[0].known is not None:
+        warm_up(cases[0])
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
         found = measure(predictors, cases, sample=SAMPLE, refined=evenly(refined, len(cases)), repeats=repeats, on_done=bar.update)
     out.mkdir(parents=True, exist_ok=True)
     spans = [span for span in known.values() if span is not None]
+    apart = _apart(runs)
+    found.rows = [replace(row, about=next((words for run, words in apart.items() if row.kind == "learned"
+                                           and row.name.endswith(f" {Path(run).name}")), "")) for row in found.rows]
+    seeds_alone = bool(apart) and all(words.startswith("seed ") and "," not in words for words in apart.values())
+    spread = spread_said(found.rows, chance=seeds_alone)
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
                     outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
-                    facts=_facts(runs, cases, found, repeats), notes=_limits(cases, found, runs, spans))
+                    facts=_facts(runs, cases, found, repeats) | (about or {}),
+                    notes=[*spread, *_limits(cases, found, runs, spans)])
     content = write_report(out, report, exhibits(found))
     if say is not None:
-        for line in (*summary(found.rows), content["summary"], f"report: {out / 'report.html'}"):
+        for line in (*summary(found.rows), content["summary"], *spread, f"report: {out / 'report.html'}"):
             say(line)
     return {**content, "report": str(out)}
+
+
+def _apart(runs: dict[str, Model | Slender]) -> dict[str, str]:
+    """In what several runs differ: config, weights and trained steps; empty for one."""
+    if len(runs) < 2:
+        return {}
+    return differing({run: {**to_table(model.config), "weights": sum(p.numel() for p in model.network.parameters()),
+                            "trained steps": read_stored(Path(run) / "model.safetensors")[0]["step"]}
+                      for run, model in runs.items()})
 
 
 def summary(rows: Sequence[Row]) -> list[str]:
@@ -102,14 +157,16 @@ def summary(rows: Sequence[Row]) -> list[str]:
     for row in rows:
         errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmse_1", "rmse_50", "rmse_all", "rmse_refined"))
         lines.append(f"{row.name:36s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
+        lines += [f"    {row.about}"] * bool(row.about)
     return lines
 
 
-def warm_up(scene: Scene) -> None:
+def warm_up(case: Case) -> None:
     """Solve something small once, so that no time of below contains the loading of compiled forms."""
+    scene, mesh = case.scene, case.mesh if case.scene.body.shape == "file" else None
     while (smaller := coarser(scene)) is not None:
         scene = smaller
-    follow(scene)
+    follow(scene, mesh=mesh)
 
 
 def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
@@ -119,14 +176,14 @@ def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
         case, step, surface = frame.case, frame.step, frame.case.trajectory.obstacle
         name = f"frame_{case.name}.png"
         frame_picture(out / name, case.mesh, prediction=frame.displacement, truth=case.truth[step], step=step, steps=case.steps,
-                      obstacle=None if surface is None else Obstacle(*surface).at(step), names=(frame.predictor, "finite elements"))
+                      obstacle=None if surface is None else ObstacleSurface(*surface).at(step), names=(frame.predictor, "finite elements"))
         pictures.append((name, f"Test trajectory {case.name}, RMSE-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
                                "where the rollout is farthest from the truth. Left the prediction, coloured by its error, over the "
                                "outline of the truth; right the truth."))
     return pictures
 
 
-def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, repeats: int) -> dict[str, str]:
+def _facts(runs: dict[str, Model | Slender], cases: Sequence[Case], found: Measurement, repeats: int) -> dict[str, str]:
     nodes = sorted({len(case.mesh.points) for case in cases})
     libraries = {"torch": torch.__version__, "pyvista": version("pyvista"), **versions()}
     threads = ", ".join(f"{name} {os.environ.get(name, 'not set')}" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"))
@@ -139,12 +196,14 @@ def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, re
         "timing": f"processor time of one process, one predictor after the other on each scene; {timed}",
     }
     for run, model in runs.items():
-        about = read_checkpoint(Path(run) / "model.safetensors").about
+        about, _ = read_stored(Path(run) / "model.safetensors")
         facts[f"network {Path(run).name}"] = (
-            f"M4GN from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
+            f"{model.title} from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
             f"{about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
     return facts | {
-        "truth": f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
+        "truth": "the files: they hold no scene, so there are no equations to check, and no reference that could be solved again"
+                 if any(case.known is None for case in cases) else
+                 f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
                  f"solved again here, it differs from the files by {1e3 * found.solved_again:.1e} mm at most (they hold 32-bit numbers)",
         "equations": f"checked at up to {SAMPLE} frames of each trajectory, everything else at all frames",
         "machine": f"{processor()}, {os.cpu_count()} cores; {platform.platform()}",
@@ -155,7 +214,7 @@ def _facts(runs: dict[str, Model], cases: Sequence[Case], found: Measurement, re
     }
 
 
-def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model], spans: Sequence[Seen]) -> list[str]:
+def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | Slender], spans: Sequence[Seen]) -> list[str]:
     notes = [
         "The truth has an error of its own, that of its mesh. An error below it means that the truth is imitated well, not that "
         "the body is known better.",
@@ -176,10 +235,10 @@ def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model], s
         notes[0] += (f" On {count} of the {len(cases)} scenes, solved again on cells of half the size, the data are {1e3 * own:.3g} mm off"
                      f" (and the finer solution by about a third of that, if errors fall with the square of the cells' size).")
         for row in found.rows:
-            if row.kind in ("learned", "hybrid"):
+            if row.kind in (*JUDGED, "hybrid"):
                 notes[0] += (f" {row.name}: {1e3 * row.scores['rmse_refined']:.3g} mm from the finer solution; in "
                              f"{100 * row.scores['below_data']:.0f} % of the frames closer to the data than these to it.")
-    notes += _of_correction(found.rows)
+    notes += [*_of_correction(found.rows), *_of_doubt(found.rows, cases)]
     if runs:
         notes.append("The test scenes lie inside or outside of the ranges listed above. Each quantity is looked at by itself: a scene "
                      "inside of all of them may still combine values as no training scene did." if spans else
@@ -206,8 +265,25 @@ def _of_correction(rows: Sequence[Row]) -> list[str]:
     return said
 
 
+def _of_doubt(rows: Sequence[Row], cases: Sequence[Case]) -> list[str]:
+    """Where predictors say themselves that they do not know, and how far off they are elsewhere."""
+    said = []
+    for row in rows:
+        shares = [each.get("unsure", np.nan) for each in row.each]
+        if not len(shares) or np.isnan(shares).all():
+            continue
+        unsure = {case.name: share for case, share in zip(cases, shares, strict=True) if share > 0}
+        sure = [each["rmse_all"] for each, share in zip(row.each, shares, strict=True) if not share > 0]
+        names = ", ".join(f"{name} ({100 * share:.0f} % of the frames)" for name, share in unsure.items()) or "none of them"
+        said.append(f"{row.name} says that it does not know: {names}." + (
+            f" In the other {len(sure)} trajectories it is {1e3 * max(sure):.3g} mm off at most." if sure else ""))
+    return said
+
+
 def _material(case: Case) -> str:
-    material = case.scene.material
+    if case.known is None:
+        return "not known"
+    material = case.known.material
     return f"{material.law} (E = {material.young_modulus:.3g} Pa, nu = {material.poisson_ratio:.3g})"
 
 

@@ -12,7 +12,7 @@ Legend: T frames, N nodes of the body, F frames of a finer solution.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from datagen.sets.statistics import finer
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
-from learning.report.table import Row
+from learning.report.table import JUDGED, Row
 from physics.fem import release
+from physics.fidelity.figures import gathered
 from physics.fidelity.verify import as_table, verify
 from physics.mesh.quality import rmse
 
 LONG = 10.0  # [s]
-EXTREMES = {"largest_penetration": max, "smallest_det_f": min, "smallest_scaled_jacobian": min, "inverted_elements": max}
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Hardest:
 
 @dataclass
 class Measurement:
-    """Everything found: a row for each predictor that did all cases, worst frames of the learned ones, what went wrong."""
+    """Everything found: a row for each predictor that did all cases, worst frames of those that are judged, what went wrong."""
 
     rows: list[Row] = field(default_factory=list)
     frames: list[WorstFrame] = field(default_factory=list)
@@ -89,13 +89,13 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             if predictor.kind == "reference":  # what counts is the file, which was solved again for its time
                 found.solved_again = max(found.solved_again, float(abs(path - case.truth).max()))
                 path = case.truth
-            fidelity = verify(path, case.truth, scene=case.scene, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
+            fidelity = verify(path, case.truth, scene=case.known, mesh=case.mesh, free=case.free, one_step=prediction.one_step,
                               sample=sample)
-            each[predictor.name].append(_scores(fidelity, prediction, case) | _against(second, path, case))
+            each[predictor.name].append(_scores(fidelity, prediction, case) | _doubt(prediction, case) | _against(second, path, case))
             with np.errstate(over="ignore"):
                 paths[predictor.name] = path.astype(np.float32)
             errors.append(fidelity.rmse_all)
-            if predictor.kind == "learned":
+            if predictor.kind in JUDGED:
                 found.frames.append(WorstFrame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
         learned = [frame.error for frame in found.frames if frame.case is case]
         error = max((each if np.isfinite(each) else np.inf for each in learned or errors), default=0.0)
@@ -111,15 +111,16 @@ def _repeated(predictor: Predictor, case: Case, repeats: int) -> Prediction:
     predictions = [predictor.predict(case)]
     while len(predictions) < repeats and predictions[0].seconds < LONG:
         predictions.append(predictor.predict(case))
-    first = predictions[0]
-    return Prediction(path=first.path, one_step=first.one_step, iterations=first.iterations,
-                      seconds=float(np.median([p.seconds for p in predictions])), set_up=float(np.median([p.set_up for p in predictions])))
+    return replace(predictions[0], seconds=float(np.median([p.seconds for p in predictions])),
+                   set_up=float(np.median([p.set_up for p in predictions])))
 
 
 def _second_truth(case: Case, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """Frames (F,) and displacements (F, N, 3) of the case solved on finer cells; None when that fails."""
+    if case.known is None:
+        return None
     try:
-        every, displacement, _ = finer(case.scene, case.mesh.points)
+        every, displacement, _ = finer(case.scene, case.mesh)
     except RuntimeError as error:
         notes.append(f"{case.name} has no finer solution: {error}.")
         return None
@@ -140,6 +141,17 @@ def _by_frame(a: NDArray[Any], b: NDArray[Any], case: Case) -> NDArray[np.float6
     return np.sqrt(np.mean(np.sum((a - b)[:, case.free].astype(np.float64) ** 2, axis=2), axis=1))
 
 
+def _doubt(prediction: Prediction, case: Case) -> dict[str, float]:
+    """What a predictor says of its own error, held against that."""
+    if prediction.bar is None or prediction.unsure is None:
+        return {"error_bar": np.nan, "covered": np.nan, "unsure": np.nan}
+    told, error = prediction.bar > 0, _by_frame(prediction.path, case.truth, case)
+    if not told.any():
+        return {"error_bar": np.nan, "covered": np.nan, "unsure": float(prediction.unsure[1:].mean())}
+    return {"error_bar": float(prediction.bar[told].mean()), "covered": float((error <= prediction.bar)[told].mean()),
+            "unsure": float(prediction.unsure[1:].mean())}
+
+
 def _scores(fidelity: Any, prediction: Prediction, case: Case) -> dict[str, float]:
     table = {key: float(value) for key, value in as_table(fidelity).items() if key != "worst_step"}
     if prediction.one_step is None:  # starts no step from a given state
@@ -151,11 +163,4 @@ def _scores(fidelity: Any, prediction: Prediction, case: Case) -> dict[str, floa
 
 
 def _row(predictor: Predictor, each: list[dict[str, float]]) -> Row:
-    """Means over trajectories, of extremes the extreme; what only some have, over those."""
-    scores = {}
-    for key in each[0]:
-        values = [table[key] for table in each if not np.isnan(table[key])]
-        scores[key] = float(EXTREMES.get(key, np.mean)(values)) if values else float("nan")
-    return Row(predictor.name, predictor.kind, scores, tuple(each))
-
-
+    return Row(predictor.name, predictor.kind, gathered(each), tuple(each))

@@ -14,9 +14,9 @@ from matplotlib.text import Text
 
 from learning.report.table import Row
 
-COLOURS = {"learned": "#c8102e", "trivial": "#7a7d82", "fe": "#1f4e9c", "hybrid": "#7b2d8b", "reduced": "#c77700",
+COLOURS = {"learned": "#c8102e", "foreign": "#14161a", "trivial": "#7a7d82", "fe": "#1f4e9c", "hybrid": "#7b2d8b", "reduced": "#c77700",
            "reference": "#0b7a4b"}
-MARKERS = {"learned": "o", "hybrid": "P", "trivial": "D", "fe": "s", "reduced": "^", "reference": "*"}
+MARKERS = {"learned": "o", "foreign": "X", "hybrid": "P", "trivial": "D", "fe": "s", "reduced": "^", "reference": "*"}
 # Where a label may stand, the nearest places first: its offset from the point in points, and which of its corners is put there.
 PLACES = [((x * far, y * far), {-1: "right", 0: "center", 1: "left"}[x], {-1: "top", 0: "center", 1: "bottom"}[y])
           for far, (x, y) in product((8, 14, 24, 38, *range(54, 500, 16)),
@@ -35,7 +35,7 @@ def measure_of(rows: list[Row]) -> str:
 def front(rows: list[Row], error: str = "rmse_all") -> list[Row]:
     """Predictors that no other beats or equals in both time and error, the fastest first."""
     best, lowest = [], math.inf
-    for row in sorted(rows, key=lambda row: (row.ms_per_step, row.scores[error])):
+    for row in sorted((row for row in rows if not math.isnan(row.ms_per_step)), key=lambda row: (row.ms_per_step, row.scores[error])):
         if row.scores[error] < lowest:
             best.append(row)
             lowest = row.scores[error]
@@ -67,6 +67,8 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
             axes.scatter(x, y, s=120 if row.kind == "reference" else 62, color=colour, marker=MARKERS[row.kind], zorder=3)
             if row.kind == "reference":
                 axes.axhline(y, color=colour, ls=":", lw=1.2, label="error of the data")
+        elif math.isnan(row.ms_per_step) and row.scores[error] > 0:
+            axes.axhline(1e3 * row.scores[error], color=colour, ls="-.", lw=1.2, label=f"{row.name}: its time is not known")
         elif row.kind == "reference":
             axes.axvline(row.ms_per_step, color=colour, ls="--", lw=1.3, label=f"{row.name}: zero error by definition")
     axes.margins(x=0.16, y=0.14)

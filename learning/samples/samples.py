@@ -102,20 +102,20 @@ class Normaliser:
 
 
 def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: bool = False) -> list[Example]:
-    """Read and segment trajectory files. Raises `InputError` for none at all, and for one damaged or of a single frame.
+    """Read and segment trajectory files.
+
+    Raises `InputError` for none at all, for one damaged, of a single frame or without a free node, and for a set in which nothing moves.
 
     walk: the examples are to be walked through, which for scheme = "step" takes every frame
     """
     if not files:
         raise InputError("no trajectory files given")
-    examples = []
-    for path in tqdm(files, desc="load", disable=None, leave=False):
-        trajectory = read_trajectory(path)
-        found = problems(trajectory)
-        if len(trajectory.displacement) < 2:
-            found.append("it has a single frame, and so nothing to predict")
-        if found:
-            raise InputError(f"{path}: {found[0]}")
+    examples, trajectories = [], [_trajectory(path) for path in files]
+    if not walk and not any(each.displacement[:, each.free].any() for each in trajectories):
+        others = ", ".join(trajectories[0].fields)
+        raise InputError(f"nothing moves in this set: the displacement of every free node of its {len(files)} trajectories is zero, and "
+                         f"that is what a network learns{f'; not {others}, which is there' if others else ''}")
+    for path, trajectory in zip(tqdm(files, desc="load", disable=None, leave=False), trajectories, strict=True):
         last = len(trajectory.displacement) - 1
         count = last if walk and config.scheme == "step" else min(config.frames or last, last)
         targets = np.linspace(0, last, count + 1).round().astype(np.int64)[1:]
@@ -124,6 +124,19 @@ def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: boo
         except (InputError, FloatingPointError) as error:
             raise InputError(f"{path}: {error}") from None
     return examples
+
+
+def _trajectory(path: str | Path) -> Trajectory:
+    """A trajectory that something can be learned from. Raises `InputError`."""
+    trajectory = read_trajectory(path)
+    found = problems(trajectory)
+    if len(trajectory.displacement) < 2:
+        found.append("it has a single frame, and so nothing to predict")
+    if not trajectory.free.any():
+        found.append("no node is free to move, and so nothing to predict")
+    if found:
+        raise InputError(f"{path}: {found[0]}")
+    return trajectory
 
 
 def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[np.int64] | None = None,

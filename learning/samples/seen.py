@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,14 +61,18 @@ def description(trajectory: Trajectory) -> dict[str, Value]:
         told |= {"Young's modulus [Pa]": scene.material.young_modulus, "Poisson's ratio": scene.material.poisson_ratio,
                  "material law": scene.material.law, "shape of the body": scene.body.shape,
                  "supports": ", ".join(sorted(f"{support.where} ({support.fixed})" for support in scene.support)) or "none",
-                 "loads": ", ".join(sorted(load.where or "acceleration" for load in scene.load)) or "none",
+                 "loads": ", ".join(sorted(str(load.where or "acceleration") for load in scene.load)) or "none",
                  "obstacle": scene.obstacle.shape if scene.obstacle else "none"}
     return told
 
 
 def seen(trajectories: Iterable[Trajectory]) -> Seen:
     """The ranges of some trajectories; of quantities that not all of them have, those of the ones that do."""
-    told = [description(trajectory) for trajectory in trajectories]
+    return ranges([description(trajectory) for trajectory in trajectories])
+
+
+def ranges(told: Sequence[dict[str, Value]]) -> Seen:
+    """The ranges of some trajectories' descriptions."""
     names = dict.fromkeys(name for each in told for name in each)
     values = {name: [each[name] for each in told if name in each] for name in names}
     numbers = {name: (float(min(v)), float(max(v))) for name, v in values.items() if not isinstance(v[0], str)}

@@ -46,9 +46,9 @@ def segment_file(path: str | Path, count: int | str, picture: Path | None, say: 
     say(f"{len(nodes)} segments of {min(nodes)} to {max(nodes)} nodes, "
         + ", ".join(f"{name.replace('_', ' ')} {value:.3f}" for name, value in quality.items()) + f": {path}")
     if picture is not None:
-        from physics.view import Obstacle, segment_picture
+        from physics.view import ObstacleSurface, segment_picture
 
-        surface = None if trajectory.obstacle is None else Obstacle(*trajectory.obstacle).at(0)
+        surface = None if trajectory.obstacle is None else ObstacleSurface(*trajectory.obstacle).at(0)
         segment_picture(picture, trajectory.mesh, own, obstacle=surface)
         say(f"picture: {picture}")
     return {"segments": len(nodes), "nodes": nodes, **quality, "silhouette_of": scores, "seconds": seconds}

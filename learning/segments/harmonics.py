@@ -2,9 +2,10 @@
 
 In weak form, integral of grad phi . grad v = lambda integral of phi v, on first-order cells with the mass lumped at the nodes:
 K phi = lambda M phi with M diagonal. phi = 0 on nodes that are held (HANDLE, AIRFOIL, INFLOW, WALL), d phi / dn = 0 on the
-rest; a body with nothing held has the constant at lambda = 0, which tells nothing and is left out. Plane cells are taken as
-prisms or hexahedra of unit height whose phi is constant over the height, which is exact. `fidelity modes --kind laplacian`
-solves the same by finite elements of first or second order; here neither PETSc nor dolfinx is needed.
+rest; a body with nothing held has the constant at lambda = 0, which tells nothing and is left out. Plane cells, those of a
+cloth in space too, are each laid flat and taken as prisms or hexahedra of unit height whose phi is constant over the height, which is
+exact. `fidelity modes --kind laplacian` solves the same by finite elements of first or second order; here neither PETSc nor dolfinx
+is needed.
 
 Legend: N nodes, C cells, n nodes of a cell, P sample points, m modes. lambda in [1/m2].
 """
@@ -64,9 +65,10 @@ def laplacian(mesh: Mesh) -> tuple[csc_matrix, Floats]:
     cells, points = mesh.cells, mesh.points
     nodes, corners = len(points), cells.shape[1]
     if mesh.cell in EXTRUDED:
-        height = np.ptp(points, axis=0).max()
-        raised = Mesh(np.concatenate([points, points + [0, 0, height]]), np.concatenate([cells, cells + nodes], axis=1),
-                      EXTRUDED[mesh.cell], {})
+        height, flat = np.ptp(points, axis=0).max(), _laid_flat(points[cells]).reshape(-1, 3)
+        own = np.arange(len(flat)).reshape(cells.shape)  # each cell with nodes of its own
+        both = np.concatenate([own, own + len(flat)], axis=1)
+        raised = Mesh(np.concatenate([flat, flat + [0, 0, height]]), both, EXTRUDED[mesh.cell], {})
         sampled = samples(raised)
         gradients = sampled.gradients[:, :, :corners] + sampled.gradients[:, :, corners:]
         volumes = sampled.volumes / height
@@ -80,3 +82,15 @@ def laplacian(mesh: Mesh) -> tuple[csc_matrix, Floats]:
     mass = np.zeros(nodes)
     np.add.at(mass, cells, volumes.sum(axis=0)[:, None] / corners)
     return stiffness, mass
+
+
+def _laid_flat(x: Floats) -> Floats:
+    """The corners (C, n, 3) of triangles or quadrilaterals, each turned into the plane z = 0. Raises `InputError` for one without area."""
+    first, second = (x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) if x.shape[1] == 3 else (x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
+    normal = np.cross(first, second)
+    length, area = np.linalg.norm(first, axis=1), np.linalg.norm(normal, axis=1)
+    if len(empty := np.flatnonzero(~(area > 1e-12 * length * np.linalg.norm(second, axis=1)))):
+        raise InputError(f"cell {empty[0]} of the mesh has no area")
+    along, up = first / length[:, None], normal / area[:, None]
+    axes = np.stack([along, np.cross(up, along), up], axis=1)  # (C, 3, 3)
+    return np.einsum("cij,cnj->cni", axes, x - x.mean(axis=1, keepdims=True)) * [1.0, 1.0, 0.0]

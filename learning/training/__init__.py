@@ -4,4 +4,6 @@
     curve       what a training says of itself as it goes
     run         a training between two steps: begun, resumed, kept
     train       the loop
+    sections    the loop of a predictor of beams
+    kinds       whichever a config asks for
 """

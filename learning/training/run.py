@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ class About:
     """What a run knows of itself, as the header of its checkpoints tells it; errors in metres.
 
     config: as a table; fingerprint: of the training data; versions: of the libraries
-    step, seconds: trained so far; loss: the mean of the last steps
+    step, seconds: trained so far; loss: the mean over the steps of the last report; losses: of the steps since, for the next one
     best_error, best_step: of the network that is kept; last_error: of the last validation
     """
 
@@ -37,6 +37,7 @@ class About:
     step: int = 0
     seconds: float = 0.0
     loss: float | None = None
+    losses: list[float] = field(default_factory=list)
     best_error: float | None = None
     best_step: int | None = None
     last_error: float | None = None
@@ -81,7 +82,7 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
     if saved.generator is None:
         raise InputError(f"{path} holds a network but no state of a training: it cannot be resumed")
     _check_same_run(saved.about, about, out)
-    known = {field.name: saved.about[field.name] for field in fields(About) if field.name in saved.about}
+    known = {known.name: saved.about[known.name] for known in fields(About) if known.name in saved.about}
     load_weights(network, saved, path)
     optimizer.load_state_dict({"state": saved.optimizer, "param_groups": optimizer.state_dict()["param_groups"]})
     generator.set_state(saved.generator)

@@ -55,7 +55,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         files_valid: trajectory files whose rollouts choose the best network; with none, the last network is the best
         out: run folder (layout in checkpoint.py)
         steps: stop after this step, before config.steps; the schedule of the learning rate stays that of config.steps
-        resume: go on from RUN/last.safetensors
+        resume: go on from RUN/last.safetensors, or begin where there is none
 
     Returns:
         {"run", "steps", "seconds", "ms_per_step", "loss", "best_error", "best_step", "last_error", "parameters",
@@ -68,11 +68,12 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
     out = Path(out)
     keep_freed_memory()
     with processes(config) as group:
-        if not resume and (out / "last.safetensors").exists():
+        begun = (out / "last.safetensors").exists()
+        if begun and not resume:
             raise InputError(f"{out} holds a training already: resume it, or choose another folder")
         examples = load_examples(files_train, config)
         examples_valid = load_examples(files_valid, config, walk=True) if files_valid else []
-        run = set_up(config, examples, out, resume=resume)
+        run = set_up(config, examples, out, resume=begun)
         if group.first:
             write_whole(out / "config.toml", tomli_w.dumps(run.about.config).encode())
             write_seen(out, seen(example.trajectory for example in examples))
@@ -89,7 +90,7 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
     config, about, model = run.model.config, run.about, run.model
     frames, chance = all_frames(examples), chances(examples)
     curve, learner = Curve(run.out if group.first else None, about.step), group.learner(model.network)
-    losses: list[float] = []
+    losses = about.losses
     start = time.perf_counter() - about.seconds
     ended = about.step >= last or progress(config, about.step, about.seconds) >= 1
     with curve, tqdm(total=100, desc="train", disable=None if group.first else True, bar_format=BAR) as bar, products(config.network):
@@ -107,7 +108,8 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
             ended = about.step == last or done >= 1
             if about.step % REPORT_EVERY == 0 or ended:
                 about.loss = float(np.mean(losses))
-                losses.clear()
+                if about.step % REPORT_EVERY == 0:
+                    losses.clear()
                 curve.add(about.step, seconds=about.seconds, loss=about.loss, learning_rate=rate)
                 error = "" if about.last_error is None else f" error {about.last_error:.2e} m"
                 bar.set_postfix_str(f"step {about.step} loss {about.loss:.3g}{error}", refresh=False)

@@ -26,9 +26,8 @@ from numpy.typing import NDArray
 
 from physics import fem
 from physics.body.element import Samples
-from physics.body.material import LAWS
+from physics.body.material import law_of
 from physics.linalg.native import compiled, pointer
-from physics.schema import Bound
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +39,7 @@ class Kernel:
 
     def __init__(self, law: str, cells: NDArray[np.int64], samples: Samples) -> None:
         """Args: law of material.py; cells (C, n). Raises `InputError` for an unknown law."""
-        Bound(choice=tuple(LAWS)).check(law, "material.law")
+        law_of(law)
         self.cells = np.ascontiguousarray(cells, np.int32)
         self._table, self._parts = _packs(samples), samples.parts
         self._library = _library(law, self.cells.shape[1], len(samples.volumes))
@@ -86,12 +85,21 @@ def _packed(name: str, form: Any) -> str:
     return head + re.sub(r"(?<!static const )\bdouble\b", "pack", function[function.index("{"):]) + "\n"
 
 
+def energy_density(law: str, F: Any, lmbda: Any, mu: Any) -> Any:
+    """W(F) of a law of material.py in UFL."""
+    known = law_of(law)
+    if known.invariants == "stretch":
+        return known.energy(ufl.inner(F, F), ufl.det(F), lmbda, mu, ufl.ln)
+    strain = (F.T * F - ufl.Identity(3)) / 2 if known.invariants == "strain" else (F + F.T) / 2 - ufl.Identity(3)
+    return known.energy(ufl.tr(strain), ufl.inner(strain, strain), lmbda, mu, ufl.ln)
+
+
 @cache
 def _library(law: str, nodes: int, points: int) -> ctypes.CDLL:
     """The compiled loops."""
     domain, tensors = fem.tensors()
     F, S, T = ufl.Coefficient(tensors), ufl.TestFunction(tensors), ufl.TrialFunction(tensors)
-    energy = LAWS[law](F, ufl.Constant(domain), ufl.Constant(domain)) * ufl.dx(metadata={"quadrature_degree": 0})
+    energy = energy_density(law, F, ufl.Constant(domain), ufl.Constant(domain)) * ufl.dx(metadata={"quadrature_degree": 0})
     loops = f"#define NODES {nodes}\n#define POINTS {points}\n{LOOPS}"
 
     def source() -> str:

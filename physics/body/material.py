@@ -1,20 +1,40 @@
-"""Strain-energy densities W(F) of isotropic solids, in J per cubic metre of the rest body.
+"""Strain energies of isotropic solids, in J per cubic metre of the rest body, as functions of two invariants.
 
-F = I + grad u is the deformation gradient, J = det F, C = F^T F, E = (C - I)/2 the Green-Lagrange strain. From
-Young's modulus and Poisson's ratio: mu the shear modulus, lambda Lame's first parameter, K the bulk modulus [Pa].
-Stress and tangent are not written down anywhere: UFL differentiates W (first Piola-Kirchhoff stress P = dW/dF).
+F = I + grad u is the deformation gradient, J = det F, C = F^T F, E = (C - I)/2 the Green-Lagrange strain, e = sym(grad u) the
+small one. From Young's modulus and Poisson's ratio: mu the shear modulus, lambda Lame's first parameter, K the bulk modulus [Pa].
+
+    invariants         a        b          da/dF    db/dF
+    "stretch"          tr C     J          2 F      J F^-T
+    "strain"           tr E     E : E      F        2 F E
+    "small strain"     tr e     e : e      I        2 e
+
+Stress and tangent are not written down anywhere: UFL differentiates the energies for the compiled kernels (kernel.py), and
+`stress` takes their slopes by complex steps, exact to rounding, where there is no UFL (physics/reduced).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
-import ufl
+import numpy as np
+from numpy.typing import NDArray
 
 from physics.scene import Material
+from physics.schema import Bound
 
-Expression = Any  # UFL has no useful types
+Floats = NDArray[np.float64]
+Expression = Any  # of UFL, which has no useful types, or an array
+STEP = 1e-30  # along the imaginary axis: its square is nothing beside 1
+
+
+@dataclass(frozen=True)
+class Law:
+    """invariants: which two; energy: of a, b, lambda, mu and the logarithm to be taken."""
+
+    invariants: str
+    energy: Callable[[Expression, Expression, Expression, Expression, Callable[[Any], Any]], Expression]
 
 
 def lame(material: Material) -> tuple[float, float]:
@@ -23,34 +43,54 @@ def lame(material: Material) -> tuple[float, float]:
     return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
 
 
-def neo_hookean(F: Expression, lmbda: Expression, mu: Expression) -> Expression:
+def neo_hookean(C: Expression, J: Expression, lmbda: Expression, mu: Expression, ln: Callable[[Any], Any]) -> Expression:
     """mu/2 (J^(-2/3) tr C - 3) + K/4 (J^2 - 1 - 2 ln J): neoHookeanElastic of solids4foam, the law of the data set."""
-    J = ufl.det(F)
     bulk = lmbda + 2 * mu / 3
-    return mu / 2 * (J ** (-2 / 3) * ufl.inner(F, F) - 3) + bulk / 4 * (J**2 - 1 - 2 * ufl.ln(J))
+    return mu / 2 * (J ** (-2 / 3) * C - 3) + bulk / 4 * (J**2 - 1 - 2 * ln(J))
 
 
-def neo_hookean_log(F: Expression, lmbda: Expression, mu: Expression) -> Expression:
+def neo_hookean_log(C: Expression, J: Expression, lmbda: Expression, mu: Expression, ln: Callable[[Any], Any]) -> Expression:
     """mu/2 (tr C - 3) - mu ln J + lambda/2 (ln J)^2: Bonet and Wood, Nonlinear Continuum Mechanics, eq. 6.27."""
-    log_J = ufl.ln(ufl.det(F))
-    return mu / 2 * (ufl.inner(F, F) - 3) - mu * log_J + lmbda / 2 * log_J**2
+    log_J = ln(J)
+    return mu / 2 * (C - 3) - mu * log_J + lmbda / 2 * log_J**2
 
 
-def saint_venant_kirchhoff(F: Expression, lmbda: Expression, mu: Expression) -> Expression:
-    """lambda/2 (tr E)^2 + mu E : E."""
-    E = (F.T * F - ufl.Identity(3)) / 2
-    return lmbda / 2 * ufl.tr(E) ** 2 + mu * ufl.inner(E, E)
+def quadratic(trace: Expression, square: Expression, lmbda: Expression, mu: Expression, ln: Callable[[Any], Any]) -> Expression:
+    """lambda/2 (tr E)^2 + mu E : E: Saint Venant and Kirchhoff's law, or Hooke's with the small strain."""
+    return lmbda / 2 * trace**2 + mu * square
 
 
-def linear(F: Expression, lmbda: Expression, mu: Expression) -> Expression:
-    """lambda/2 (tr e)^2 + mu e : e with the small strain e = (grad u + grad u^T)/2: Hooke's law."""
-    e = (F + F.T) / 2 - ufl.Identity(3)
-    return lmbda / 2 * ufl.tr(e) ** 2 + mu * ufl.inner(e, e)
-
-
-LAWS: dict[str, Callable[[Expression, Expression, Expression], Expression]] = {
-    "neo-hookean": neo_hookean,
-    "neo-hookean-log": neo_hookean_log,
-    "saint-venant-kirchhoff": saint_venant_kirchhoff,
-    "linear": linear,
+LAWS = {
+    "neo-hookean": Law("stretch", neo_hookean),
+    "neo-hookean-log": Law("stretch", neo_hookean_log),
+    "saint-venant-kirchhoff": Law("strain", quadratic),
+    "linear": Law("small strain", quadratic),
 }
+
+
+def law_of(name: str) -> Law:
+    """Raises `InputError` for an unknown law."""
+    Bound(choice=tuple(LAWS)).check(name, "material.law")
+    return LAWS[name]
+
+
+def stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
+    """First Piola-Kirchhoff stress P = dW/dF (Q, 3, 3) at H = F - I; not finite where a cell is inside out and the law minds.
+
+    Args: lambda and mu (Q,), of which it has the unit
+    """
+    F, strain = H + np.eye(3), (H + H.swapaxes(1, 2)) / 2
+    if law.invariants == "stretch":
+        cofactor = np.stack([np.cross(F[:, i - 2], F[:, i - 1]) for i in range(3)], axis=1)  # J F^-T
+        a, b = (F * F).sum(axis=(1, 2)), (F[:, 0] * cofactor[:, 0]).sum(axis=1)
+        b[b <= 0] = np.nan
+        slopes = 2 * F, cofactor
+    else:
+        small = law.invariants == "small strain"
+        strain = strain if small else strain + H.swapaxes(1, 2) @ H / 2
+        a, b = np.trace(strain, axis1=1, axis2=2), (strain * strain).sum(axis=(1, 2))
+        slopes = (np.eye(3), 2 * strain) if small else (F, 2 * F @ strain)
+    by_a = law.energy(a + 1j * STEP, b, lmbda, mu, np.log).imag / STEP
+    by_b = law.energy(a, b + 1j * STEP, lmbda, mu, np.log).imag / STEP
+    found: Floats = by_a[:, None, None] * slopes[0] + by_b[:, None, None] * slopes[1]
+    return found

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
-from physics.scene import Scene
+from physics.mesh.sound.fit import described, joined, piece_of
+from physics.scene import Scene, Where
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
+MOST_PARTS = 100  # whose hinges are looked at
 
 
 def held(scene: Scene, mesh: Mesh) -> NDArray[np.bool_]:
@@ -48,17 +53,83 @@ def rigid_motions_left(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
     return 6 - int(np.linalg.matrix_rank(at_held, tol=1e-9 * len(at_held) ** 0.5)) if len(at_held) else 6
 
 
+def pieces_held(scene: Scene, mesh: Mesh) -> tuple[str, ...]:
+    """What holds each piece of a body of several, in one remark; nothing for a body that hangs together."""
+    label = piece_of(len(mesh.points), mesh.cells)
+    count = int(label.max()) + 1
+    if count == 1:
+        return ()
+    holders = {piece: [f"{support.where!r}" for support in scene.support if (label[mesh.place(support.where)] == piece).any()]
+               for piece in range(count)}
+    words = [f"piece {piece + 1} by {' and '.join(dict.fromkeys(names)) or 'nothing'}" for piece, names in holders.items()]
+    return (f"held are {'; '.join(words[:5])}{'; ...' if count > 5 else ''}",)
+
+
+def loose(mesh: Mesh, fixed: NDArray[np.bool_]) -> str:
+    """Which rigid motions the held components (N, 3) leave free, of each piece and of parts that hinge on shared nodes; "" if none."""
+    label = piece_of(len(mesh.points), mesh.cells)
+    count = int(label.max()) + 1
+    for piece in range(count):
+        nodes = label == piece
+        if free := rigid_motions_left(replace(mesh, points=mesh.points[nodes]), fixed[nodes]):
+            many = f"{free} rigid motion{'s' if free > 1 else ''}"
+            if count == 1:
+                return f"{many} of the body left free; fix more components"
+            return f"{many} of one of {count} pieces left free: {described(mesh.points, mesh.cells, label, piece)}; fix more components"
+    if free := _hinged(mesh, fixed):
+        return (f"{free} motion{'s' if free > 1 else ''} left free: parts of the mesh hang together at single nodes or edges and turn "
+                "about them; let them share faces, or fix more components")
+    return ""
+
+
+def _hinged(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
+    """How many motions are free when each part that hangs together by facets is rigid, and parts move together where they share nodes."""
+    part = joined(mesh.cells, mesh.cell)
+    count = int(part.max()) + 1
+    if not 1 < count <= MOST_PARTS:
+        return 0
+    x = (mesh.points - mesh.points.mean(axis=0)) / np.ptp(mesh.points)
+    pairs = np.unique(np.stack([mesh.cells.ravel(), np.repeat(part, mesh.cells.shape[1])], axis=1), axis=0)  # node and part
+    node, owner = pairs.T
+    motion = np.zeros((len(pairs), 3, 6 * count))  # of each node with each of its parts, for six motions of each part
+    turns = np.cross(np.eye(3)[None], x[node][:, None]).transpose(0, 2, 1)
+    own = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2)
+    for i in range(6):
+        motion[np.arange(len(pairs)), :, 6 * owner + i] = own[:, :, i]
+    shared = np.flatnonzero(node[1:] == node[:-1])
+    ties = np.concatenate([(motion[shared] - motion[shared + 1]).reshape(-1, 6 * count), motion[fixed[node]]])
+    return 6 * count - int(np.linalg.matrix_rank(ties.T @ ties, tol=1e-9 * len(ties), hermitian=True))
+
+
 def traction_load(scene: Scene, mesh: Mesh) -> Floats:
-    """(N, 3) nodal forces [N] of the tractions, over rest facets, at the last step."""
+    """(N, 3) nodal forces [N] of the tractions, over rest facets, at the last step.
+
+    Raises:
+        InputError: a place is an edge or a point, which has no facet, or a region, of which nobody said which
+    """
     force = np.zeros_like(mesh.points)
-    for load in scene.load:
+    for i, load in enumerate(scene.load):
         if load.traction is not None and load.where is not None:
+            if wrong := _no_face(mesh, load.where):
+                raise InputError(f"load[{i}].where = {load.where!r}: {wrong}; a traction needs a face")
             force += nodal_areas(mesh, load.where)[:, None] * np.array(load.traction)
     return force
 
 
-def nodal_areas(mesh: Mesh, place: str) -> Floats:
-    """(N,) integral of each node's shape function over a plane named face [m2]."""
+def _no_face(mesh: Mesh, where: str | Where) -> str:
+    """Why a place is no face of the body; "" where it is one."""
+    parts = [] if isinstance(where, Where) else mesh.parts.get(where, [])
+    found = sum(map(len, mesh.facets(where)))
+    if any(kind == mesh.cell for kind, _ in parts):
+        return "is a region, and which of its facets are meant is not said"
+    faces = sum(len(np.unique(np.sort(cells, axis=1), axis=0)) for kind, cells in parts if CELLS[kind].dimension == mesh.dimension - 1)
+    if found < faces:
+        return f"{faces - found} of its {faces} faces are no sides of the body's cells"
+    return "" if found else "has no facet"
+
+
+def nodal_areas(mesh: Mesh, place: str | Where) -> Floats:
+    """(N,) integral of each node's shape function over the facets of a place [m2]."""
     areas = np.zeros(len(mesh.points))
     for facets in mesh.facets(place):
         x = mesh.points[facets]

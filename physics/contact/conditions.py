@@ -30,8 +30,13 @@ from physics.schema import InputError
 
 Floats = NDArray[np.float64]
 
-
 FINEST = 8  # parts of an edge
+CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
+
+
+def cell_size(mesh: Mesh) -> float:
+    """The median length of the mesh's edges [m]."""
+    return float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
 
 
 class ContactSurface:

@@ -65,6 +65,7 @@ class _Round:
         assert obstacle.radius is not None
         self.radius, self.axis, self.length = obstacle.radius, _unit(obstacle.axis), obstacle.length or 0.0
         self.frame = _frame(self.axis)
+        self._anywhere = _across(self.axis)
         self.width, self.extent = 2 * self.radius, max(np.pi * self.radius, self.length)
 
     def core(self, along: Floats) -> Floats:
@@ -75,7 +76,7 @@ class _Round:
         offset = offset - self.core(offset @ self.axis)[:, None] * self.axis
         distance = np.sqrt((offset * offset).sum(axis=1))
         # On the core itself every direction is as good as any: take a fixed one.
-        normal = np.divide(offset, distance[:, None], out=np.tile(_across(self.axis), (len(offset), 1)), where=distance[:, None] > 0)
+        normal = np.divide(offset, distance[:, None], out=np.tile(self._anywhere, (len(offset), 1)), where=distance[:, None] > 0)
         return distance - self.radius, normal
 
     def bend(self, offset: Floats) -> Floats:

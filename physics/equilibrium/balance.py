@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
-from physics.body.supports import held, prescribed, rigid_motions_left, traction_load
-from physics.contact.conditions import Contact, ContactSurface
+from physics.body.supports import held, loose, prescribed, traction_load
+from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
@@ -22,7 +22,8 @@ from physics.schema import InputError
 Floats = NDArray[np.float64]
 
 GAP_TOLERANCE = 1e-6  # error of a gap over the size of a cell
-CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
+STRONGEST = 1e3  # of a load, in units of Young's modulus
+FARTHEST = 1e4  # of an obstacle's path, in lengths that are safe for one step
 
 
 class Balance:
@@ -88,17 +89,25 @@ class Balance:
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe
 
     def _check(self) -> None:
-        free = rigid_motions_left(self.mesh, self.fixed)
-        if free and not self.scene.steps.dynamic and (self.contact is not None or self.load.any() or self.target.any()):
-            raise InputError(f"support: {free} rigid motion{'s' if free > 1 else ''} of the body left free; fix more components")
+        if not self.scene.steps.dynamic and (self.contact is not None or self.load.any() or self.target.any()):
+            if free := loose(self.mesh, self.fixed):
+                raise InputError(f"support: {free}")
+        if self.fixed.all():
+            raise InputError("support: every node of the body is held in every direction, so nothing is left to move; hold less of it")
+        extent, modulus = float(np.ptp(self.mesh.points, axis=0).max()), self.scene.material.young_modulus
+        for i, load in enumerate(self.scene.load if self.scene.material.law != "linear" else ()):
+            push = load.traction or tuple(self.scene.material.density * extent * a for a in load.acceleration or ())
+            strength = float(np.linalg.norm(push))
+            if strength > STRONGEST * modulus:
+                raise InputError(f"load[{i}]: {strength:.2g} Pa are {strength / modulus:.2g} times Young's modulus; at most "
+                                 f"{STRONGEST:g} times")
+        far, allowed = self.stride(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
+        if far > allowed:
+            raise InputError(f"obstacle.path: its length is {far:.2g} times what the obstacle may move at once (half of its own width "
+                             f"or of the body's); at most {allowed:g} times, or as many as there are steps")
         inside = -self.clearance(0.0)
         if inside > GAP_TOLERANCE * self.size:
             raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
-
-
-def cell_size(mesh: Mesh) -> float:
-    """The median length of the mesh's edges [m]."""
-    return float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
 
 
 def cells_said(scene: Scene) -> str:

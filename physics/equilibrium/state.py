@@ -6,6 +6,7 @@ Legend: N nodes, Q contact points, S states.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,11 @@ HALVINGS = 6  # of a step whose end cannot be reached at once
 
 
 class NoEquilibrium(RuntimeError):
-    """No equilibrium was found; the message says where, how far off, and what was tried."""
+    """No equilibrium was found; the message says where, how far off, and what was tried; `solution` what was reached before."""
+
+    def __init__(self, message: str, solution: Any = None) -> None:
+        super().__init__(message)
+        self.solution = solution
 
 
 @dataclass

@@ -32,13 +32,16 @@ from physics.scene import Scene
 
 Floats = NDArray[np.float64]
 TOUCHING = 0.05  # of a cell size
+OF_CELLS = ("mc", "ar", "smallest_det_f", "smallest_scaled_jacobian", "inverted_elements")
+OF_EQUATIONS = ("relative_residual", "energy_error", "reaction_error", "stress_error", "estimated_error", "effectivity",
+                "largest_penetration")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fidelity:
     """How far a prediction is from the truth; lengths in metres. "free": nodes that are neither held nor obstacle."""
 
-    rmse_1: float  # free nodes, one step from the true state before; without such predictions, the first step alone
+    rmse_1: float  # free nodes, one step from the true state before; without such predictions the first step, if it moves the truth
     rmse_50: float  # free nodes, steps 1 .. 50 of the rollout
     rmse_all: float  # free nodes, all steps
     rmse_1_pooled: float  # the same over all nodes of the body, held ones too
@@ -112,24 +115,51 @@ class Checker:
         return max(0.0, deepest) if np.isfinite(u).all() else float("inf")
 
 
-def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene, mesh: Mesh, free: NDArray[np.bool_],
+def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene | None, mesh: Mesh, free: NDArray[np.bool_],
            one_step: ArrayLike | None = None, sample: int | None = None) -> Fidelity:
     """Hold a predicted trajectory against a reference and against the equations.
 
     Args:
         prediction, reference: (T, N, 3) displacements of the body [m]
+        scene: None where there is none: what needs its equations is not a number then
         free: (N,) True on nodes that are not held
         one_step: (T - 1, N, 3) predictions of frames 1 .. T - 1, each made from the true frame before it
         sample: check the equations at about this many frames, evenly spaced; at all of them by default
     """
     u, truth = np.asarray(prediction, np.float64), np.asarray(reference, np.float64)
-    steps = len(u) - 1
     first = u[1:2] if one_step is None else np.asarray(one_step, np.float64)
     of_first = truth[1:len(first) + 1]
-    predicted, true = mesh.points + u[1:], mesh.points + truth[1:]
+    if one_step is None and not of_first[:, free].any():  # before anything touches, standing still is no achievement
+        of_first = np.full_like(of_first, np.nan)
     error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))  # (T,)
+    return Fidelity(
+        rmse_1=quality.rmse(first, of_first, free), rmse_50=quality.rmse(u[1:51], truth[1:51], free),
+        rmse_all=quality.rmse(u[1:], truth[1:], free), rmse_1_pooled=quality.rmse(first, of_first),
+        rmse_50_pooled=quality.rmse(u[1:51], truth[1:51]), rmse_all_pooled=quality.rmse(u[1:], truth[1:]),
+        worst_step=int(np.argmax(error)), **_of_shape(u, truth, mesh), **_of_equations(u, truth, error, scene, mesh, free, sample))
 
-    checker = Checker(scene, mesh)
+
+def _of_shape(u: Floats, truth: Floats, mesh: Mesh) -> dict[str, Any]:
+    """The figures of the deformed mesh; of plane cells, those of a cloth, there are fewer."""
+    predicted, true = mesh.points + u[1:], mesh.points + truth[1:]
+    distances = np.array([quality.set_distances(a, b) for a, b in zip(predicted, true, strict=True)])
+    cells, found = (mesh.cells, mesh.cell), dict.fromkeys(OF_CELLS, np.nan)
+    if mesh.cell != "quadrilateral":
+        found |= {"mc": float(np.mean(quality.mesh_continuity_error(predicted, true, *cells))),
+                  "ar": float(np.mean(quality.aspect_ratio_error(predicted, true, *cells)))}
+    if mesh.dimension == 3:
+        det = quality.det_f(mesh.points, u, *cells)
+        found |= {"smallest_det_f": float(det.min()), "smallest_scaled_jacobian": float(quality.scaled_jacobian(predicted, *cells).min()),
+                  "inverted_elements": int(np.count_nonzero(~(det > 0), axis=-1).max())}
+    return {"gf_h": float(distances[:, 0].mean()), "gf_c": float(distances[:, 1].mean()), **found}
+
+
+def _of_equations(u: Floats, truth: Floats, error: Floats, scene: Scene | None, mesh: Mesh, free: NDArray[np.bool_],
+                  sample: int | None) -> dict[str, Any]:
+    """What the equations say of some frames."""
+    if scene is None:
+        return dict.fromkeys(OF_EQUATIONS, np.nan)
+    checker, steps = Checker(scene, mesh), len(u) - 1
     frames = np.unique(np.linspace(1, steps, min(steps, sample or steps)).round().astype(int))
     found = [checker.frame(u[t], t / steps) for t in frames]
     due = [checker.frame(truth[t], t / steps) for t in frames]
@@ -138,24 +168,13 @@ def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene, mesh: M
     lacking = np.array([checker.correction(u[t], t / steps)[free] for t in frames])
     estimated, missed = _rms(np.linalg.norm(lacking, axis=2)), _rms(error[frames])
     stress = np.array([[von_mises(mesh, of[t], scene.material) for t in frames] for of in (u, truth)])  # (2, frames, C)
-    cells = (mesh.cells, mesh.cell)
-    distances = np.array([quality.set_distances(a, b) for a, b in zip(predicted, true, strict=True)])
-    det = quality.det_f(mesh.points, u, *cells)
-    return Fidelity(
-        rmse_1=quality.rmse(first, of_first, free), rmse_50=quality.rmse(u[1:51], truth[1:51], free),
-        rmse_all=quality.rmse(u[1:], truth[1:], free), rmse_1_pooled=quality.rmse(first, of_first),
-        rmse_50_pooled=quality.rmse(u[1:51], truth[1:51]), rmse_all_pooled=quality.rmse(u[1:], truth[1:]),
-        gf_h=float(distances[:, 0].mean()), gf_c=float(distances[:, 1].mean()),
-        mc=float(np.mean(quality.mesh_continuity_error(predicted, true, *cells))),
-        ar=float(np.mean(quality.aspect_ratio_error(predicted, true, *cells))),
-        relative_residual=_rms([frame.residual for frame in found]) / reaction,
-        energy_error=_rms([a.energy - b.energy for a, b in zip(found, due, strict=True)]) / energy,
-        reaction_error=_rms([np.linalg.norm(a.reaction - b.reaction) for a, b in zip(found, due, strict=True)]) / reaction,
-        stress_error=_rms(stress[0] - stress[1]) / (_rms(stress[1]) or np.nan),
-        estimated_error=estimated, effectivity=estimated / missed if missed else np.nan,
-        largest_penetration=max(checker.penetration(u[t], t / steps) for t in range(1, steps + 1)),
-        smallest_det_f=float(det.min()), smallest_scaled_jacobian=float(quality.scaled_jacobian(predicted, *cells).min()),
-        inverted_elements=int(np.count_nonzero(~(det > 0), axis=-1).max()), worst_step=int(np.argmax(error)))
+    return {
+        "relative_residual": _rms([frame.residual for frame in found]) / reaction,
+        "energy_error": _rms([a.energy - b.energy for a, b in zip(found, due, strict=True)]) / energy,
+        "reaction_error": _rms([np.linalg.norm(a.reaction - b.reaction) for a, b in zip(found, due, strict=True)]) / reaction,
+        "stress_error": _rms(stress[0] - stress[1]) / (_rms(stress[1]) or np.nan),
+        "estimated_error": estimated, "effectivity": estimated / missed if missed else np.nan,
+        "largest_penetration": max(checker.penetration(u[t], t / steps) for t in range(1, steps + 1))}
 
 
 def _rms(values: ArrayLike) -> float:

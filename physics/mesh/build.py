@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from physics.mesh.boxes import box, rectangle
-from physics.mesh.channel import channel
 from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
+from physics.mesh.shapes.boxes import box, rectangle
+from physics.mesh.shapes.channel import channel
 from physics.scene import PLANE_CELLS, Body
 
 
@@ -13,7 +13,7 @@ def build_mesh(body: Body) -> Mesh:
     """The mesh of a body, built or read. Raises `InputError` when a file is not what it should be."""
     if body.shape == "file":
         assert body.path is not None
-        return read_mesh(body.path, order=body.order)
+        return read_mesh(body.path, order=body.order, scale=body.scale or 1.0)
     if body.shape == "channel":
         return channel(body)
     return rectangle(body) if body.cell in PLANE_CELLS else box(body)

@@ -6,15 +6,17 @@ bodies lie in z = 0. Legend: N nodes, C cells, F facets, k corners.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse
-import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS
+from physics.mesh.places import nodes_at
+from physics.mesh.sound.fit import piece_of
+from physics.scene import Where
 from physics.schema import InputError, nearest
 
 Floats = NDArray[np.float64]
@@ -34,6 +36,8 @@ class Mesh:
     places: sorted node numbers of each named place
     parts: what each place of a file is made of; without it a place is made of the outer facets between its nodes
     remarks: what was found odd when the mesh was read, a line each
+    mixed: names that stand for several groups, with what these are called
+    middles: where the middle nodes of curved cells lie; see sound/curved.py
     """
 
     points: Floats
@@ -42,6 +46,12 @@ class Mesh:
     places: dict[str, Integers]
     parts: dict[str, Parts] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    mixed: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    middles: dict[int, tuple[Integers, Floats]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        names = f", places {', '.join(self.places)}" if self.places else ""
+        return f"Mesh({len(self.points)} nodes, {len(self.cells)} {self.cell} cells{names})"
 
     @property
     def dimension(self) -> int:
@@ -51,15 +61,23 @@ class Mesh:
     @cached_property
     def boundary(self) -> list[Integers]:
         """Outer facets, outward by the right-hand rule: one array (F, k) for each number of corners k, if there are any."""
-        boundary = []
+        return self._facets(lambda count: count == 1)
+
+    @cached_property
+    def inner(self) -> list[Integers]:
+        """Facets that two cells share, each once, in the same arrays as the outer ones."""
+        return self._facets(lambda count: count > 1)
+
+    def _facets(self, chosen: Callable[[Integers], NDArray[np.bool_]]) -> list[Integers]:
+        found = []
         for n in (2, 3, 4):
             local = [facet for facet in CELLS[self.cell].facets if len(facet) == n]
             if not local:
                 continue
             facets = np.concatenate([self.cells[:, list(facet)] for facet in local])
             _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
-            boundary.append(facets[np.sort(first[count == 1])])
-        return boundary
+            found.append(facets[np.sort(first[chosen(count)])])
+        return found
 
     @property
     def surface(self) -> list[Integers]:
@@ -71,15 +89,20 @@ class Mesh:
         """(E, 2) edges of the cells, each once, the smaller node number first."""
         return unique_edges(self.cells, self.cell)
 
-    def place(self, where: str) -> Integers:
+    def place(self, where: str | Where) -> Integers:
         """The sorted nodes of a place, or what several places with blanks between them have in common. Raises `InputError`."""
+        if isinstance(where, Where):
+            return nodes_at(self.points, where)
         if where in self.places:
             return self.places[where]
         names = where.split()
-        for name in names if len(names) > 1 else [where]:
+        for name in names if len(names) > 1 and where not in self.mixed else [where]:
+            if name in self.mixed:
+                raise InputError(f"{name!r} stands for several places of the mesh: write {' or '.join(map(repr, self.mixed[name]))}")
             if name not in self.places:
                 known = ", ".join(self.places) or "none at all"
-                raise InputError(f"no place named {name!r} in the mesh: there are {known}{nearest(name, self.places)}")
+                said = next((f"; {remark}" for remark in self.remarks if repr(name) in remark), nearest(name, self.places))
+                raise InputError(f"no place named {name!r} in the mesh: there are {known}{said}")
         common = self.places[names[0]]
         for name in names[1:]:
             common = np.intersect1d(common, self.places[name])
@@ -87,21 +110,26 @@ class Mesh:
             raise InputError(f"the places {where!r} have no node in common")
         return common
 
-    def facets(self, place: str) -> list[Integers]:
-        """The outer facets in a named place: those of a file's group, or those whose nodes all lie in a shape's face."""
-        if place in self.parts:
-            known = closure(self.parts[place])
-            return [facets[rows_in(facets, known.get(facets.shape[1], facets[:0]))] for facets in self.boundary]
-        inside = np.zeros(len(self.points), bool)
-        inside[self.place(place)] = True
-        return [facets[inside[facets].all(axis=1)] for facets in self.boundary]
+    def facets(self, where: str | Where) -> list[Integers]:
+        """The facets that a place is made of, those of the boundary outward: an array (F, k) for each number of corners k.
 
-    def entities(self, where: str) -> Entities:
+        Of a file's groups of facets these are outer and inner ones, of several regions those between them; of a region, of sets of
+        nodes and of the places of a shape the outer ones whose corners all lie there. There may be none: an edge has none.
+        """
+        known = self.entities(where)
+        names = [] if isinstance(where, Where) else [where] if where in self.places else where.split()
+        dimensions = {CELLS[kind].dimension for name in names for kind, _ in self.parts.get(name, ())}
+        chosen_ones = self.dimension - 1 in dimensions or (len(names) > 1 and dimensions == {self.dimension})
+        pools = [self.boundary] + [self.inner] * chosen_ones
+        chosen = [[facets[rows_in(facets, known.get(facets.shape[1], facets[:0]))] for facets in pool] for pool in pools]
+        return [np.concatenate(parts) for parts in zip(*chosen, strict=True)]
+
+    def entities(self, where: str | Where) -> Entities:
         """The vertices, edges, faces and cells that a place is made of; see `place` for where."""
         nodes = self.place(where)
-        if where in self.parts:
+        if isinstance(where, str) and where in self.parts:
             return closure(self.parts[where])
-        if where not in self.places:
+        if isinstance(where, str) and where not in self.places:
             first, *others = (self.entities(name) for name in where.split())
             for other in others:
                 first = {k: rows[rows_in(rows, other[k])] for k, rows in first.items() if k in other}
@@ -139,11 +167,8 @@ def rows_in(rows: Integers, table: Integers) -> NDArray[np.bool_]:
 
 def pieces(mesh: Mesh) -> list[Integers]:
     """The nodes of each piece of a mesh that hangs together; one array of all of them in the usual case."""
-    n = len(mesh.points)
-    links = np.stack([np.repeat(mesh.cells[:, 0], mesh.cells.shape[1] - 1), mesh.cells[:, 1:].ravel()])
-    graph = scipy.sparse.coo_matrix((np.ones(links.shape[1], np.int8), links), shape=(n, n))
-    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    return [np.arange(n)] if count == 1 else [np.flatnonzero(label == i) for i in range(count)]
+    label = piece_of(len(mesh.points), mesh.cells)
+    return [np.flatnonzero(label == i) for i in range(int(label.max()) + 1)]
 
 
 def unique_edges(cells: Integers, cell: str) -> Integers:

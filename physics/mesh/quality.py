@@ -26,6 +26,7 @@ Integers = NDArray[np.int64]
 # Volume of the ideal cell with edges of length 1, and what makes its scaled Jacobian 1.
 IDEAL_VOLUME = {"prism": 3**0.5 / 4, "hexahedron": 1.0}
 IDEAL_CORNER = {"tetrahedron": 2**0.5, "prism": 2 / 3**0.5, "hexahedron": 1.0}
+FLAT = 1e-12  # of a cell's largest Jacobian determinant
 CHUNK = 4_000_000  # floats held at once while the frames are worked through
 
 
@@ -90,9 +91,11 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
     """
     x = np.asarray(points, np.float64) + np.asarray(displacement, np.float64)
     rest = np.concatenate(list(_jacobians(np.asarray(points, np.float64), cells, cell)), axis=2)  # (Q, C, 1)
-    if rest.min() <= 0:
-        raise InputError(f"{int((rest.min(axis=(0, 2)) <= 0).sum())} of {len(cells)} cells are inverted in the rest state")
-    return _by_frame([(part / rest).min(axis=0) for part in _jacobians(x, cells, cell)], x)
+    flat = abs(rest) <= FLAT * rest.max(axis=0)  # as at a corner where two sides form one line: no ratio there
+    if (wrong := ((rest <= 0) & ~flat).any(axis=(0, 2)) | (rest.max(axis=(0, 2)) <= 0)).any():
+        raise InputError(f"{int(wrong.sum())} of {len(cells)} cells are inverted in the rest state")
+    ratios = (part / np.where(flat, 1.0, rest) for part in _jacobians(x, cells, cell))
+    return _by_frame([np.where(flat, np.inf, ratio).min(axis=0) for ratio in ratios], x)
 
 
 def centre_gradients(cell: str) -> Floats:

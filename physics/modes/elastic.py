@@ -32,12 +32,13 @@ from numpy.typing import NDArray
 from physics import fem
 from physics.body.elasticity import small_strain_stiffness
 from physics.body.material import lame
-from physics.body.supports import held, rigid_motions_left
+from physics.body.supports import held, pieces_held, rigid_motions_left
 from physics.linalg.eigen.lowest import lowest_pairs
 from physics.linalg.eigen.pairs import GOAL, Pairs, Problem, clusters
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, pieces
+from physics.modes import locking
 from physics.scene import Scene
 from physics.schema import InputError
 
@@ -121,6 +122,8 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
     largest = np.take_along_axis(shapes.reshape(count, -1), abs(shapes).reshape(count, -1).argmax(axis=1)[:, None], axis=1)
     sign = np.where(largest < 0, -1.0, 1.0)  # (m, 1)
     still = np.zeros((3 - mesh.dimension,))
+    first_order = scene.body.order == 1 and scene.body.element != "reduced"
+    stiff = locking.said(mesh, shapes, pairs.zeros, scene.material) if first_order else ()
     cells = f"{CELLS[mesh.cell].plural} of order {scene.body.order}" + (
         "" if scene.body.element == "standard" else f", {scene.body.element} element")
     return Modes(
@@ -128,7 +131,7 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
         participation=np.pad(participation * sign, ((0, 0), (0, len(still)))) * np.sqrt(thickness),
         free_mass=np.concatenate([free_mass, still]) * thickness, dofs=dofs, rigid=pairs.zeros,
         rigid_expected=problem.zeros, cells=cells, solver=pairs.solver,
-        remarks=remarks(pairs, problem, mesh), seconds=time.perf_counter() - started)
+        remarks=(*remarks(pairs, problem, mesh), *pieces_held(scene, mesh), *stiff), seconds=time.perf_counter() - started)
 
 
 def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[Problem, fem.Space]:

@@ -1,8 +1,7 @@
-"""The same body in few shapes.
+"""The same body in few shapes, by numpy and scipy alone: a rival of finite elements, and an estimate for a network to correct.
 
-    model         the scene's equations in modes and their derivatives, solved step by step
-    elastic       energy and stress in numpy, without dolfinx
+    elastic       forces and stiffness in numpy, without dolfinx
     space         the energy as a polynomial of the amplitudes
     pose          pressed by the obstacle at one pose: a small space, local yielding, contact
-    quasistatic   a state from the obstacle's pose alone, for a network to correct
+    quasistatic   a state from the obstacle's pose alone
 """

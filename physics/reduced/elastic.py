@@ -8,10 +8,12 @@ Forces are in units of Young's modulus times area: the displacement of a body th
 Poisson's ratio alone.
 
 Legend: N nodes, C cells, n nodes of a cell, g points of integration in a cell, Q = C g, M = 3 N components.
-Source of the laws: physics/body/material.py; solver: SuperLU through scipy.
+Laws: physics/body/material.py; elements: physics/body/element.py; solver: SuperLU through scipy.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sparse
@@ -19,11 +21,11 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from physics.body.element import samples
+from physics.body.material import lame, law_of, stress
 from physics.mesh.mesh import Mesh
-from physics.schema import Bound
+from physics.scene import Material
 
 Floats = NDArray[np.float64]
-LAWS = ("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear")
 
 
 class Elastic:
@@ -32,40 +34,41 @@ class Elastic:
     Attributes:
         size: M; held: (M,) True on components that do not move
         stiffness: K (M, M) of all components
-        weights: (Q,) [m3] of the points of integration; lame: lambda and mu over Young's modulus
+        weights: (Q,) [m3] of the points of integration, those of a cell one after another; per_cell: g
+        lame: lambda and mu over Young's modulus (2, Q), as far as they count at each
     """
 
-    def __init__(self, mesh: Mesh, held: NDArray[np.bool_], law: str, poisson_ratio: float) -> None:
-        """Args: held (N,) nodes; law: see physics/body/material.py. Raises `InputError` for an unknown one."""
-        Bound(choice=LAWS).check(law, "material.law")
-        self.law = law
-        self.lame = poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)), 0.5 / (1 + poisson_ratio)
+    def __init__(self, mesh: Mesh, held: NDArray[np.bool_], material: Material, element: str = "standard") -> None:
+        """Args: held (N,) nodes. Raises `InputError` for an unknown law, or an element that is not for such cells."""
+        self._law = law_of(material.law)
         nodes, (cells, n) = len(mesh.points), mesh.cells.shape
         self.size, self.held = 3 * nodes, np.repeat(held, 3)
-        standard = samples(mesh)
-        gradient, weight = standard.gradients.swapaxes(0, 1), standard.volumes.T  # (C, g, n, 3), (C, g)
-        self.weights = weight.ravel()
-        columns = np.broadcast_to(mesh.cells[:, None, None, :], (cells, len(weight[0]), 3, n)).ravel()
+        chosen = samples(mesh, element)
+        gradient, weight = chosen.gradients.swapaxes(0, 1), chosen.volumes.T  # (C, g, n, 3), (C, g)
+        self.weights, self.per_cell = weight.ravel(), weight.shape[1]
+        self.lame = np.tile((chosen.parts * lame(replace(material, young_modulus=1.0))).T, cells)
+        columns = np.broadcast_to(mesh.cells[:, None, None, :], (cells, self.per_cell, 3, n)).ravel()
         entries = np.ascontiguousarray(gradient.transpose(0, 1, 3, 2)).ravel()
         self._gradient = sparse.csr_matrix((entries, columns, np.arange(0, len(entries) + 1, n)), shape=(3 * len(self.weights), nodes))
         self._divergence = self._gradient.T.tocsr()
-        node = np.repeat(mesh.cells, len(weight[0]), axis=0).reshape(-1)  # each point's nodes
+        node = np.repeat(mesh.cells, self.per_cell, axis=0).reshape(-1)  # each point's nodes
         near = sparse.csr_matrix((np.repeat(self.weights, n), (node, np.repeat(np.arange(len(self.weights)), n))))
         self._around = sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near  # (N, Q) mean over the points around a node
-        self.stiffness = self._assemble(mesh.cells, gradient, weight)
+        self.stiffness = self._assemble(mesh.cells, gradient)
         self._free = np.flatnonzero(~self.held)
         self._factor = splu(self.stiffness[self._free][:, self._free].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                             options={"SymmetricMode": True})
+        self._known, self._columns = np.zeros(0, np.int64), np.zeros((self.size, 0))  # nodes, and their columns of K^-1
 
-    def _assemble(self, cells: NDArray[np.int64], gradient: Floats, weight: Floats) -> sparse.csc_matrix:
+    def _assemble(self, cells: NDArray[np.int64], gradient: Floats) -> sparse.csc_matrix:
         count, points, n, _ = gradient.shape
         b = gradient.reshape(count, points, 3 * n)
-        product = np.matmul((b * weight[:, :, None]).transpose(0, 2, 1), b).reshape(count, n, 3, n, 3)
-        lmbda, mu = self.lame
-        block = lmbda * product + mu * product.transpose(0, 1, 4, 3, 2)
-        laplace = np.einsum("cajbj->cab", product)
+        first, second = (np.matmul((b * share[:, :, None]).transpose(0, 2, 1), b).reshape(count, n, 3, n, 3)
+                         for share in (self.weights * self.lame).reshape(2, count, points))
+        block = first + second.transpose(0, 1, 4, 3, 2)
+        laplace = np.einsum("cajbj->cab", second)
         for i in range(3):
-            block[:, :, i, :, i] += mu * laplace
+            block[:, :, i, :, i] += laplace
         component = (3 * cells[:, :, None] + np.arange(3)).reshape(count, 3 * n)
         rows, columns = np.repeat(component, 3 * n, axis=1).ravel(), np.tile(component, (1, 3 * n)).ravel()
         return sparse.coo_matrix((block.ravel(), (rows, columns)), shape=(self.size, self.size)).tocsc()
@@ -90,7 +93,7 @@ class Elastic:
     def hooke(self, strain: Floats) -> Floats:
         """lambda tr(E) I + 2 mu E for strains (Q, 3, 3)."""
         lmbda, mu = self.lame
-        stress = 2 * mu * strain
+        stress = 2 * mu[:, None, None] * strain
         trace = lmbda * np.trace(strain, axis1=1, axis2=2)
         for i in range(3):
             stress[:, i, i] += trace
@@ -98,21 +101,20 @@ class Elastic:
 
     def internal(self, u: Floats) -> Floats:
         """f(u) (M,) of displacements (M,), by the body's own law; not finite where a cell is inside out."""
-        lmbda, mu = self.lame
-        h = self.gradient(u)
-        if self.law == "linear":
-            return self.force(self.hooke(symmetric(h)))
-        f = h + np.eye(3)
-        if self.law == "saint-venant-kirchhoff":
-            return self.force(f @ self.hooke(symmetric(h) + h.transpose(0, 2, 1) @ h / 2))
-        cofactor = np.stack([np.cross(f[:, 1], f[:, 2]), np.cross(f[:, 2], f[:, 0]), np.cross(f[:, 0], f[:, 1])], axis=1)
-        j = (f[:, 0] * cofactor[:, 0]).sum(axis=1)  # det F; cofactor / J = F^-T
-        j[j <= 0] = np.nan
-        if self.law == "neo-hookean-log":
-            return self.force(mu * f + ((lmbda * np.log(j) - mu) / j)[:, None, None] * cofactor)
-        shear, bulk = mu * j ** (-2 / 3), lmbda + 2 * mu / 3
-        pressure = bulk / 2 * (j * j - 1) - shear / 3 * (f * f).sum(axis=(1, 2))
-        return self.force(shear[:, None, None] * f + (pressure / j)[:, None, None] * cofactor)
+        return self.force(stress(self._law, self.gradient(u), *self.lame))
+
+    def compliance(self, rows: NDArray[np.int64], nodes: NDArray[np.int64]) -> Floats:
+        """Some rows of K^-1, three columns for each of some nodes; columns once solved for are kept."""
+        new = np.setdiff1d(nodes, self._known)
+        if len(new):
+            forces = np.zeros((self.size, 3 * len(new)))
+            forces[components(new), np.arange(3 * len(new))] = 1.0
+            forces[self.held] = 0.0
+            self._known = np.concatenate([self._known, new])
+            self._columns = np.concatenate([self._columns, self.solve(forces)], axis=1)
+        order = np.argsort(self._known)
+        found: Floats = self._columns[np.ix_(rows, components(order[np.searchsorted(self._known, nodes, sorter=order)]))]
+        return found
 
     def answer(self, u: Floats, force: Floats) -> Floats:
         """R K^-1 R^T of forces (M,) on the body at displacements (M,): the rest stiffness, turned with each node."""
@@ -136,6 +138,11 @@ class Elastic:
     def third(self, a: Floats, b: Floats, c: Floats) -> Floats:
         """(M,) the part of third order, as a symmetric form of three H (Q, 3, 3)."""
         return self.force((a @ self.hooke(_square(b, c)) + b @ self.hooke(_square(a, c)) + c @ self.hooke(_square(a, b))) / 6)
+
+
+def components(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(3 n,) the components of some nodes."""
+    return (3 * nodes[:, None] + np.arange(3)).ravel()
 
 
 def symmetric(h: Floats) -> Floats:

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from physics.contact.conditions import ContactSurface, solve_complementarity
+from physics.contact.conditions import CONTACT_STIFFNESS, ContactSurface, solve_complementarity
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
-from physics.reduced.elastic import Elastic
+from physics.reduced.elastic import Elastic, components
 from physics.reduced.space import Reduced
 
 Floats = NDArray[np.float64]
@@ -32,10 +32,8 @@ FRESH = 0.02  # cell sizes: after a larger step second derivatives are computed 
 SAMPLE = 50  # components of which one is looked at for convergence
 REACH = 1.5  # cell sizes: points with a smaller gap are looked at
 NEAR = 0.5  # cell sizes: points with a smaller gap take part in contact
-DIFFERENCE = 1e-4  # cell sizes
 SOFTEST = 1e-6  # smallest curvature of the energy over the largest
 TOLERANCE = 1e-6  # of the largest extent: displacement in Newton's last step
-STIFFNESS = 2e4  # of contact, in units of Young's modulus over the size of a cell
 
 
 @dataclass(frozen=True)
@@ -56,13 +54,11 @@ class Press:
     def __init__(self, mesh: Mesh, size: float, surface: ContactSurface, obstacle: Rigid, elastic: Elastic, model: Reduced) -> None:
         """Args: size of a cell [m]; surface where contact is felt; model: the small space."""
         self.mesh, self.size, self.surface, self.obstacle, self.elastic, self.model = mesh, size, surface, obstacle, elastic, model
-        self._softness = size / (STIFFNESS * surface.area)
+        self._softness = size / (CONTACT_STIFFNESS * surface.area)
         self._tolerance = TOLERANCE * float(np.ptp(mesh.points, axis=0).max())
-        self._known = np.zeros(0, np.int64)  # nodes whose local answers are known
-        self._answers = np.zeros((elastic.size, 0))  # K^-1 - Phi Phi^T, three columns a node
 
     def within(self, model: Reduced) -> Press:
-        """The same in another space; local answers are those of a space."""
+        """The same in another space."""
         return Press(self.mesh, self.size, self.surface, self.obstacle, self.elastic, model)
 
     def rest(self, centre: Floats) -> Pressed:
@@ -74,26 +70,20 @@ class Press:
         """(N, 3) [m]"""
         return (self.model.space @ state.q).reshape(-1, 3) + state.local
 
-    def left_over(self, state: Pressed) -> Floats | None:
-        """(M,) the answer of the rest stiffness, turned with the body, to forces that a state leaves over; None: a cell is inside out."""
-        u = self.displacement(state).ravel()
-        force = self.elastic.internal(u)
-        return self.elastic.answer(u, state.push - force) if np.isfinite(force).all() else None
-
     def advance(self, centre: Floats, state: Pressed, c: Floats, depth: int = 0) -> Pressed:
         """The state at a pose, from one at another pose: in one go, or in two halves where that does not lead there.
 
         Where 2^-HALVINGS of the way is still too far, the body stays as it is: the forces left over tell how bad the estimate is.
         """
         way = centre - state.centre
-        if np.linalg.norm(way) <= self.size and (found := self._newton(centre, state, c)) is not None:
+        if np.linalg.norm(way) <= self.size and (found := self.newton(centre, state, c)) is not None:
             return found
         if depth == HALVINGS:
             return replace(state, centre=centre)
         state = self.advance(state.centre + way / 2, state, c, depth + 1)
         return self.advance(centre, state, c, depth + 1)
 
-    def _newton(self, centre: Floats, state: Pressed, c: Floats) -> Pressed | None:
+    def newton(self, centre: Floats, state: Pressed, c: Floats) -> Pressed | None:
         """The state at a pose from one nearby; None where Newton's method does not find it."""
         space, rest = self.model.space, self.mesh.points
         gap, _ = self.obstacle.gap(self.surface.weights @ (rest + self.displacement(state)), centre)
@@ -104,7 +94,7 @@ class Press:
             zone = gap.argmin(keepdims=True)
         rows = self.surface.weights[zone]
         nodes = np.unique(rows.indices).astype(np.int64)
-        component = (3 * nodes[:, None] + np.arange(3)).ravel()
+        component = components(nodes)
         weights, softness = rows[:, nodes].toarray(), self._softness[zone]
         zone_space, zone_rest = space[component], rest[nodes]
         q, local, pressure = state.q, state.local[nodes], state.pressure[zone]
@@ -116,18 +106,18 @@ class Press:
             near = np.flatnonzero((gap < max(NEAR * self.size, 1.001 * gap.min())) | (pressure > 0))
             w, n = weights[near], normal[near]
             held = np.flatnonzero(w.any(axis=0))  # nodes behind the near points
-            columns = self._columns(nodes[held])
-            answers = self._answers[np.ix_(component, columns)]  # (3 k, 3 h)
+            pushable = components(nodes[held])
+            answers = self.elastic.compliance(component, nodes[held]) - zone_space @ space[pushable].T  # (3 k, 3 h)
             along = (w[:, :, None] * n[:, None, :]).reshape(len(near), -1)  # (a, 3 k) gap by displacement
-            turned = (w[:, :, None] * (n @ turn)[:, None, :]).reshape(len(near), -1)
-            pushed = turned[:, (3 * held[:, None] + np.arange(3)).ravel()]  # (a, 3 h)
+            pushed = (w[:, held, None] * (n @ turn)[:, None, :]).reshape(len(near), -1)  # (a, 3 h)
             in_space = along @ zone_space  # (a, r)
             pushing = np.flatnonzero(pressure[near] > 0)
             at = (w[pushing] @ zone_space.reshape(len(nodes), -1)).reshape(len(pushing), 3, len(q))  # (b, 3, r)
-            curved = np.einsum("b,bij->bij", pressure[near[pushing]], self._turning(w[pushing] @ (moved + local), centre))
-            factor = _factor(hessian - np.einsum("bir,bij,bjs->rs", at, curved, at, optimize=True))
+            bent = self.obstacle.bend(w[pushing] @ (moved + local), centre) * np.sqrt(pressure[near[pushing]])[:, None, None]
+            bent = (bent @ at).reshape(-1, len(q))  # (2 b, r)
+            factor = _factor(hessian - bent.T @ bent)
             reply = cho_solve(factor, np.column_stack([in_space.T, self.model.slope(q) + c]), check_finite=False)
-            matrix = in_space @ reply[:, :-1] + turned @ answers @ pushed.T
+            matrix = in_space @ reply[:, :-1] + pushed @ answers[components(held)] @ pushed.T
             matrix = (matrix + matrix.T) / 2 + np.diag(softness[near])
             free = gap[near] - along @ local.ravel() - in_space @ reply[:, -1]
             p = solve_complementarity(matrix, free, pressure[near] > 0)
@@ -146,31 +136,11 @@ class Press:
         else:
             if change > LOOSE * self.size:
                 return None
-        whole, push = np.zeros_like(state.pressure), np.zeros(len(space))
-        whole[zone], push[component] = pressure, along.T @ p
-        push[self.elastic.held] = 0.0
-        return Pressed(centre, q, (self._answers[:, columns] @ force).reshape(-1, 3) @ turn.T, whole, push)
-
-    def _turning(self, points: Floats, centre: Floats) -> Floats:
-        """(b, 3, 3) derivative of the obstacle's normals by the places (b, 3) [m], by central differences."""
-        change = DIFFERENCE * self.size * np.eye(3)
-        return np.stack([(self.obstacle.gap(points + d, centre)[1] - self.obstacle.gap(points - d, centre)[1]) / (2 * d.max())
-                         for d in change], axis=2)
-
-    def _columns(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Where the answers to forces on some nodes stand among the known ones; those not known yet are solved for."""
-        new = np.setdiff1d(nodes, self._known)
-        if len(new):
-            forces = np.zeros((self.elastic.size, 3 * len(new)))
-            forces[(3 * new[:, None] + np.arange(3)).ravel(), np.arange(3 * len(new))] = 1.0
-            forces[self.elastic.held] = 0.0
-            space = self.model.space
-            answers = self.elastic.solve(forces) - space @ (space.T @ forces)
-            self._known = np.concatenate([self._known, new])
-            self._answers = np.concatenate([self._answers, answers], axis=1)
-        order = np.argsort(self._known)
-        at = order[np.searchsorted(self._known, nodes, sorter=order)]
-        return (3 * at[:, None] + np.arange(3)).ravel()
+        whole, push, turned_push = np.zeros_like(state.pressure), np.zeros(len(space)), np.zeros(len(space))
+        whole[zone], push[component], turned_push[pushable] = pressure, along.T @ p, force
+        push[self.elastic.held] = turned_push[self.elastic.held] = 0.0
+        local = self.elastic.solve(turned_push) - space @ (space.T @ turned_push)
+        return Pressed(centre, q, local.reshape(-1, 3) @ turn.T, whole, push)
 
 
 def _factor(hessian: Floats) -> tuple[Floats, bool]:

@@ -1,36 +1,50 @@
-"""A quasi-static state from the obstacle's pose: an estimate of what finite elements would find, for a network to correct.
+"""Quasi-static states along an obstacle's path: what finite elements would find, about; for a network to correct.
 
-How a body moves in a small space and yields locally at one pose stands in pose.py. c = Phi^T f(u) - dW/dq, what the body's own law
-has beyond the polynomial W, is computed at a few poses of the path and interpolated between them. At some of these poses the
-answer of the rest stiffness, turned with the body, to the forces that are left over joins the space. Each pose is solved from the
-pose before. Legend: N body nodes, M = 3 N, T frames.
+How a body moves in a small space and yields locally at one pose stands in pose.py. The path is followed through a few dozen poses,
+closer where contact begins, and what lies between two of them is interpolated. c = Phi^T f(u) - dW/dq, what the body's own law
+has beyond the polynomial W, is taken from the poses before and put right at each. Before, it is followed through few of the
+poses: the answers of the rest stiffness, turned with the body, to the forces that are left over there join the space.
+Legend: N body nodes, M = 3 N, T frames.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import Akima1DInterpolator, PchipInterpolator
 
-from physics.contact.conditions import ContactSurface
+from physics.contact.conditions import ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
 from physics.reduced.elastic import Elastic
-from physics.reduced.pose import Press
+from physics.reduced.pose import Press, Pressed
 from physics.reduced.space import Reduced, derivatives
 from physics.scene import Scene
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
-KEYS = 12  # poses at which the body's own law is evaluated
+POSES, GRADED = 48, 1.6  # poses along a part of the path, the k-th of n at (k / n)^GRADED of it
+SPARSE = 6  # every so many of the poses are these few
+STRIDE = 0.2  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
+STRAIGHT = 0.99  # cosine of the angle between two steps from which on the path has no corner
 ENRICHING = (0.35, 0.7, 1.0)  # where on the touching part of the path the space is enriched
-ENRICHMENTS = 2  # rounds of it at most
+ENRICHMENTS = 2  # rounds of it at most, through a few of the poses
 ENOUGH = 1e-2  # cell sizes: when the answers are smaller, one round is enough
-ROUNDS = 2  # evaluations of the body's own law at a pose
-STRIDE = 0.2  # cell sizes: from pose to pose where c is computed; longer ones may miss that the body slides off sideways
+ROUNDS = 3  # solutions at a pose at most
+EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A state at one pose; beyond (r,): c there; answer (N, 3) [m] of the rest stiffness to the forces that the state leaves over."""
+
+    state: Pressed
+    beyond: Floats
+    answer: Floats
 
 
 class Estimator:
@@ -42,102 +56,114 @@ class Estimator:
         Raises `InputError` for a scene that is not a body held at whole nodes and pressed by a rigid obstacle alone.
         """
         moved = [support for support in scene.support if any(support.displacement) or set(support.fixed) != set("xyz")]
-        if scene.obstacle is None or scene.load or moved or scene.body.element != "standard" or scene.steps.dynamic:
-            raise InputError("the network corrects estimates, which know clamped bodies pressed by an obstacle alone: no loads, sliding "
-                             "or moving supports, elements other than standard, or inertia; one trained with estimate = false takes such "
-                             "scenes")
+        if scene.obstacle is None or scene.load or moved or scene.steps.dynamic:
+            raise InputError("the reduced-order model knows clamped bodies pressed by an obstacle alone: no loads, sliding or moving "
+                             "supports, or inertia; a network that does not correct it, trained with estimate = false, takes such scenes")
         self.mesh, self.obstacle = mesh, Rigid(scene.obstacle)
-        self.size = float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
+        self.size = cell_size(mesh)
         self.surface = ContactSurface(mesh, scene.obstacle.contact, held)
         self.centres = centres
         self._way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))])  # (T,) [m] along the path
         rest = self.surface.positions(mesh.points)
         # Where the obstacle overlaps the body at rest. Later on it may be so deep that it no longer does.
-        self.overlaps = np.array([self.obstacle.gap(rest, centre)[0].min() < 0 for centre in self.centres])
+        clearance = np.array([self.obstacle.gap(rest, centre)[0].min() for centre in self.centres])
+        self.overlaps = clearance < 0
+        self._parts: list[Akima1DInterpolator | PchipInterpolator] = []  # of what `frames` gives, by the way
+        self._known: dict[int, Floats] = {}  # what it gives at the poses themselves
         if self.overlaps.any():
-            self._prepare(mesh, held, scene, rest)
+            self._prepare(Elastic(mesh, held, scene.material, scene.body.element), rest, -clearance.min())
 
-    def _prepare(self, mesh: Mesh, held: NDArray[np.bool_], scene: Scene, rest: Floats) -> None:
-        elastic = Elastic(mesh, held, scene.material.law, scene.material.poisson_ratio)
+    def _prepare(self, elastic: Elastic, rest: Floats, depth: float) -> None:
         first = int(self.overlaps.argmax())
         gap, normal = self.obstacle.gap(rest, self.centres[first])
-        depth = -min(self.obstacle.gap(rest, self.centres[i])[0].min() for i in np.flatnonzero(self.overlaps))
-        loads = _loads(self.surface, rest, rest[gap.argmin()], normal[gap.argmin()], self.size, mesh)
+        loads = _loads(self.surface, rest, rest[gap.argmin()], normal[gap.argmin()], self.size, self.mesh)
         loads[elastic.held] = 0.0
-        self._move_in(Press(mesh, self.size, self.surface, self.obstacle, elastic, Reduced(elastic, derivatives(elastic, loads, depth))))
-        last = len(self.centres) - 1
-        farthest = first + int(np.linalg.norm(self.centres[first:] - self.centres[first], axis=1).argmax())
-        poses = first + np.unique((np.array(ENRICHING) * (farthest - first)).round().astype(int))
-        keys = first + np.unique(np.linspace(0, last - first, KEYS + 1).round().astype(int))[min(1, last - first):]
-        # where the obstacle stands still nothing changes: of frames at one place the first, and none at the place of the start
-        start = self._way[max(first - 1, 0)]
-        poses, keys = (frames[np.unique(self._way[frames], return_index=True)[1]] for frames in (poses, keys))
-        poses, keys = poses[self._way[poses] > start], keys[self._way[keys] > start]
-        if not len(keys):
+        press = Press(self.mesh, self.size, self.surface, self.obstacle, elastic, Reduced(elastic, derivatives(elastic, loads, depth)))
+        parts = self._pieces(max(first - 1, 0))
+        if not parts:  # the obstacle stands still
             return
-        left = self._march(poses, poses)
-        for _ in range(ENRICHMENTS):
-            self._move_in(self._press.within(Reduced(elastic, [*self._press.model.space.T, *left])))
-            left = self._march(keys, keys[np.minimum(np.searchsorted(keys, poses), len(keys) - 1)])
-            if max((abs(answer).max() for answer in left), default=0.0) < ENOUGH * self.size:
+        poses = np.unique(np.concatenate(parts))
+        ahead = np.linalg.norm(self.centres[poses] - self.centres[poses[0]], axis=1)
+        ahead = ahead[:ahead.argmax() + 1]  # the way there, not back
+        enriching = poses[np.unique([abs(ahead - share * ahead[-1]).argmin() for share in ENRICHING])]
+        few = np.union1d(poses[::SPARSE], enriching)
+        for enriched in range(ENRICHMENTS):
+            found = self._follow(press, few)
+            left = [found[frame].answer.ravel() for frame in enriching.tolist()]
+            if enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size:
                 break
+            press = press.within(Reduced(elastic, [*press.model.space.T, *left]))
+        found = self._follow(press, poses)
+        self._known = {frame: np.array([press.displacement(one.state), one.answer]) for frame, one in found.items()}
+        for part in parts:
+            smooth = Akima1DInterpolator if len(part) > 2 else PchipInterpolator  # two poses have a straight line between them
+            self._parts.append(smooth(self._way[part], np.array([self._known[frame] for frame in part.tolist()])))
 
-    def _move_in(self, press: Press) -> None:
-        """Take another space, of which nothing is known yet."""
-        self._press, self._beyond = press, PchipInterpolator([0.0, 1.0], np.zeros((2, press.model.space.shape[1])))
+    def _pieces(self, start: int) -> list[NDArray[np.int64]]:
+        """Frames of the poses after one, for each part of the path: between its corners, and where overlap begins or ends."""
+        steps = np.diff(self.centres, axis=0)
+        moving = np.flatnonzero(steps.any(axis=1))
+        ways = steps[moving] / np.linalg.norm(steps[moving], axis=1, keepdims=True)
+        corners = moving[1:][(ways[1:] * ways[:-1]).sum(axis=1) < STRAIGHT]
+        changes = np.flatnonzero(np.diff(self.overlaps))
+        ends = np.unique([start, *corners, *changes + self.overlaps[changes], len(steps)])
+        parts = (self._poses(one, other) for one, other in pairwise(ends[ends >= start].tolist()))
+        return [part for part in parts if len(part) > 1]
 
-    def _march(self, frames: NDArray[np.int64], kept: NDArray[np.int64]) -> list[Floats]:
-        """Solve poses in order with the body's own law and keep c; gives the answers (M,) to what some of them leave over."""
-        body, left = self._press, []
-        model, state = body.model, body.rest(self.centres[0])
-        at, beyond = [self._way[max(int(self.overlaps.argmax()) - 1, 0)]], [np.zeros(model.space.shape[1])]
-        last = max(int(self.overlaps.argmax()) - 1, 0)
+    def _poses(self, start: int, end: int) -> NDArray[np.int64]:
+        """Frames from one to another, of frames at one place the first."""
+        way = self._way[start:end + 1] - self._way[start]
+        count = max(POSES, int(np.ceil(GRADED * way[-1] / (STRIDE * self.size))))
+        share = np.linspace(0, 1, count + 1) ** GRADED
+        return start + np.unique(np.searchsorted(way, way[-1] * (share if self.overlaps[end] else 1 - share[::-1])))
+
+    def _follow(self, press: Press, frames: NDArray[np.int64]) -> dict[int, Solved]:
+        """Solve poses in order, each from the last two."""
+        start = max(int(self.overlaps.argmax()) - 1, 0)
+        still = np.zeros(press.model.space.shape[1]), np.zeros_like(self.mesh.points)
+        last = before = rest = Solved(press.rest(self.centres[start]), *still)
+        found = {}
         for frame in frames.tolist():
-            slope = (beyond[-1] - beyond[-2]) / (at[-1] - at[-2]) if len(at) > 1 else np.zeros_like(beyond[0])
-            for stop in self._stops(last, frame, STRIDE * self.size):
-                c = beyond[-1] + slope * (self._way[stop] - at[-1])
-                state = body.advance(self.centres[stop], state, c)
-            last = frame
-            for _ in range(ROUNDS):
-                force = body.elastic.internal(body.displacement(state).ravel())
-                if np.isfinite(force).all():  # no cell is inside out
-                    c = model.space.T @ force - model.slope(state.q)
-                state = body.advance(self.centres[frame], state, c)
-            if frame in kept and (over := body.left_over(state)) is not None:
-                left.append(over)
-            at.append(self._way[frame])
-            beyond.append(c)
-        self._beyond = PchipInterpolator(at, np.array(beyond))
-        return left
+            centre = self.centres[frame]
+            if self.overlaps[frame] or last.state.pressure.any():
+                last, before = self._solved(press, centre, last, before), last
+            if not last.state.pressure.any() and not self.overlaps[frame]:  # nothing holds the body away from rest
+                last = before = replace(rest, state=replace(rest.state, centre=centre))
+            found[frame] = last
+        return found
+
+    def _solved(self, press: Press, centre: Floats, last: Solved, before: Solved) -> Solved:
+        """A pose, from the last two."""
+        step = last.state.centre - before.state.centre
+        share = float((centre - last.state.centre) @ step / (step @ step)) if step.any() else 0.0
+        guess = replace(last.state, q=last.state.q + share * (last.state.q - before.state.q),
+                        local=last.state.local + share * (last.state.local - before.state.local))
+        c, answer = last.beyond + share * (last.beyond - before.beyond), np.zeros_like(self.mesh.points)
+        state = press.newton(centre, guess, c) or press.advance(centre, last.state, c)
+        for left in reversed(range(ROUNDS)):
+            u = press.displacement(state).ravel()
+            force = press.elastic.internal(u)
+            if not np.isfinite(force).all():  # a cell is inside out
+                return Solved(state, c, answer)
+            known, c = c, press.model.space.T @ force - press.model.slope(state.q)
+            if not left or abs(press.model.space @ (c - known)).max() < EXACT * min(self.size, abs(u).max()):
+                break
+            state = press.advance(centre, state, c)
+        return Solved(state, c, press.elastic.answer(u, state.push - force).reshape(-1, 3))
 
     def frames(self, frames: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(F, N, 3) displacements [m] at some frames of the path, in ascending order, and the answers of the rest
-        stiffness, turned with the body, to the forces that each of them leaves over (F, N, 3) [m]."""
-        shape = (len(frames), *self.mesh.points.shape)
-        out, answer = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        if not self.overlaps.any():
-            return out, answer
-        body, last = self._press, max(int(self.overlaps.argmax()) - 1, 0)
-        rest = state = body.rest(self.centres[0])
+        """(F, N, 3) displacements [m] at some frames of the path, and the answers of the rest stiffness, turned with the body, to
+        the forces that each of them leaves over (F, N, 3) [m]."""
+        found = np.zeros((2, len(frames), *self.mesh.points.shape), np.float32)
+        starts = [part.x[0] for part in self._parts]
         for row, frame in enumerate(frames):
-            if frame < self.overlaps.argmax():
-                continue
-            for stop in self._stops(last, frame, self.size):
-                way = min(max(self._way[stop], self._beyond.x[0]), self._beyond.x[-1])
-                state = body.advance(self.centres[stop], state, self._beyond(way))
-            last = frame
-            if not state.pressure.any() and not self.overlaps[frame]:  # nothing holds the body away from rest
-                state = replace(rest, centre=self.centres[frame])
-                continue
-            out[row] = body.displacement(state)
-            if (over := body.left_over(state)) is not None:
-                answer[row] = over.reshape(-1, 3)
-        return out, answer
-
-    def _stops(self, start: int, end: int, stride: float) -> list[int]:
-        """Frames between two, the last one included, about a stride [m] apart along the path."""
-        count = max(1, int(np.ceil((self._way[end] - self._way[start]) / stride)))
-        return np.unique(np.linspace(start, end, count + 1).round().astype(int))[1:].tolist()
+            way = self._way[frame]
+            number = int(np.searchsorted(starts, way, side="right")) - 1
+            if frame in self._known:
+                found[:, row] = self._known[frame]
+            elif number >= 0:
+                found[:, row] = self._parts[number](min(way, self._parts[number].x[-1]))
+        return found[0], found[1]
 
 
 def _loads(surface: ContactSurface, rest: Floats, centre: Floats, normal: Floats, size: float, mesh: Mesh) -> Floats:

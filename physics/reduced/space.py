@@ -18,6 +18,7 @@ Source: Barbic and James 2005 (reduced polynomials, modal derivatives); Noor and
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import gcd
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 from physics.reduced.elastic import Elastic, symmetric
 
 Floats = NDArray[np.float64]
-POINTS = 4000  # of integration that the polynomial is made from, about
+POINTS = 1000  # of integration that the polynomial is made from, about
 INDEPENDENT = 1e-9  # of the energy of normed vectors: what lies below is rounding
 
 
@@ -36,9 +37,14 @@ class Reduced:
     def __init__(self, elastic: Elastic, vectors: Sequence[Floats]) -> None:
         """Args: vectors, (M,) each, zero on held components."""
         self._elastic = elastic
-        thin = max(1, round(len(elastic.weights) / POINTS)) | 1  # odd, so that it meets all points of a prism
+        thin = max(1, round(len(elastic.weights) / POINTS))
+        while gcd(thin, elastic.per_cell) > 1:  # so that it meets all points of a cell
+            thin += 1
         self._points = slice(thin // 2, None, thin)
-        self._scale = np.sqrt(elastic.weights[self._points] * elastic.weights.sum() / elastic.weights[self._points].sum())
+        weights, (lmbda, mu) = elastic.weights[self._points], elastic.lame[:, self._points]
+        weights = weights * (elastic.weights.sum() / weights.sum())
+        # where only a negative lambda counts, it is left to what the body's own law has beyond the polynomial
+        self._scale = np.sqrt(weights * np.maximum(lmbda + 2 * mu / 3, 0)).astype(np.float32), np.sqrt(weights * mu).astype(np.float32)
         self.space = self._orthonormal(np.stack(vectors, axis=1))
         self._build()
 
@@ -65,20 +71,20 @@ class Reduced:
             at += r - i
         flat = components.reshape(len(components), -1)
         self._gram = (flat @ flat.T).astype(np.float64)
+        self._gram[:r, :r] = np.eye(r)  # as it is with all points
         self._slots = np.arange(r, len(flat))
 
     def _weigh(self, strain: NDArray[np.floating[Any]], out: NDArray[np.float32]) -> None:
         """Strains (k, Q, 3, 3) as six numbers each whose squares add up to twice the energy: into (k, 6, Q)."""
-        lmbda, mu = self._elastic.lame
-        scale = self._scale.astype(np.float32)
+        bulk, shear = self._scale
         mean = (strain[..., 0, 0] + strain[..., 1, 1] + strain[..., 2, 2]) / 3
         # tr^2 (lambda + 2 mu / 3) + 2 mu |dev|^2, the deviator's diagonal as two numbers
         x, y = strain[..., 0, 0] - mean, strain[..., 1, 1] - mean
-        out[:, 0] = mean * (3 * np.sqrt(lmbda + 2 * mu / 3) * scale).astype(np.float32)
-        out[:, 1] = (x + y / 2) * (2 * np.sqrt(mu) * scale).astype(np.float32)
-        out[:, 2] = y * (np.sqrt(3 * mu) * scale).astype(np.float32)
+        out[:, 0] = 3 * mean * bulk
+        out[:, 1] = (2 * x + y) * shear
+        out[:, 2] = np.float32(np.sqrt(3)) * y * shear
         for slot, (i, j) in enumerate(((0, 1), (0, 2), (1, 2)), start=3):
-            out[:, slot] = strain[..., i, j] * (2 * np.sqrt(mu) * scale).astype(np.float32)
+            out[:, slot] = 2 * strain[..., i, j] * shear
 
     def slope(self, q: Floats) -> Floats:
         """dW/dq (r,) at q (r,)."""

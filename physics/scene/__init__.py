@@ -2,14 +2,15 @@
 
     parts   the dataclasses of these, with unit and bounds of every key
     rules   which keys the shapes of bodies and obstacles need, take and refuse
+    change  single values changed from outside
     scene   all of it together: read from TOML, checked, written back
 
 A scene is a TOML file, read into frozen dataclasses. Coordinates are Cartesian [m]; the body is given in its stress-free rest
 state. Step s = 0 .. count is a fraction s/count of the loading; it is a time only in dynamic scenes.
 """
 
-from physics.scene.parts import PLACES, PLANE_CELLS, Body, Load, Material, Obstacle, Steps, Support
+from physics.scene.parts import PLACES, PLANE_CELLS, Body, Load, Material, Obstacle, Steps, Support, Where
 from physics.scene.scene import Scene, load_body, load_scene, read_body, read_scene
 
-__all__ = ["PLACES", "PLANE_CELLS", "Body", "Load", "Material", "Obstacle", "Scene", "Steps", "Support", "load_body", "load_scene",
-           "read_body", "read_scene"]
+__all__ = ["PLACES", "PLANE_CELLS", "Body", "Load", "Material", "Obstacle", "Scene", "Steps", "Support", "Where", "load_body",
+           "load_scene", "read_body", "read_scene"]

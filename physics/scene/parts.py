@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from physics.schema import InputError, quantity
 
 PLACES = ("x-min", "x-max", "y-min", "y-max", "z-min", "z-max")
 PLANE_CELLS, SOLID_CELLS = ("triangle", "quadrilateral"), ("prism", "tetrahedron", "hexahedron")
 Vector = tuple[float, float, float]
+FAR: dict[str, Any] = {"at_least": -1e9, "at_most": 1e9}  # of coordinates and displacements [m], and of velocities [m/s]
+STRONG: dict[str, Any] = {"at_least": -1e18, "at_most": 1e18}  # of tractions [Pa] and accelerations [m/s2]
 
 # Which keys of [body] each shape takes besides shape, order, and for plane cells plane and thickness.
 KEYS = {
     "beam": ("length", "width", "height", "cells", "cell_size", "cell"),
     "plate": ("length", "width", "height", "cells", "cell_size", "cell"),
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "cell"),
-    "file": ("path",),
+    "file": ("path", "scale"),
 }
 # Which keys each shape of [obstacle] needs; a box may have a radius too.
 NEEDS = {"sphere": ("radius",), "cylinder": ("radius",), "capsule": ("radius", "length"), "box": ("size",), "half-space": ("normal",)}
@@ -30,12 +33,13 @@ class Body:
         "quadrilateral" it is plane, of sides `length` and `width`, and takes no height.
     channel: a plane rectangle `length` x `height` from the origin with a round hole; what is left out is 1.6 x 0.41 m with
         a hole of radius 0.05 m at (0.2, 0.2), the domain of flow around a cylinder, in triangles of 0.02 m.
-    file: the mesh in `path`, relative to the scene file; its physical groups name the places.
+    file: the mesh in `path`, relative to the scene file; its groups name the places. Its coordinates times `scale` are metres:
+        0.001 for a file in millimetres.
 
     A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. `order` 2 has quadratic
-    displacements on straight cells (not for prisms, and for modes only). A plane body deforms in its plane, either with no
-    strain across it (plane = "strain", the default: a slice of a long body) or with no stress ("stress": a thin sheet);
-    `thickness` is its extent across [m].
+    displacements (not for prisms, and for modes only); cells of second order in a file then keep their curved sides. A plane
+    body deforms in its plane, either with no strain across it (plane = "strain", the default: a slice of a long body) or with
+    no stress ("stress": a thin sheet); `thickness` is its extent across [m].
 
     `element` is how first-order cells are sampled (body/element.py): "reduced" lets the prisms of a beam bend as they should,
     "mean-dilatation" frees prisms and hexahedra of locking near a Poisson ratio of 1/2.
@@ -51,10 +55,18 @@ class Body:
     order: int = quantity(1, at_least=1, at_most=2)
     element: str = quantity("standard", choice=("standard", "mean-dilatation", "reduced"))
     path: str | None = None
-    hole_centre: tuple[float, float] | None = quantity(None, unit="m")
+    scale: float | None = quantity(None, above=0, at_least=1e-12, at_most=1e12)
+    hole_centre: tuple[float, float] | None = quantity(None, unit="m", **FAR)
     hole_radius: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     plane: str | None = quantity(None, choice=("strain", "stress"))
     thickness: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+
+    @staticmethod
+    def keys_for(table: dict[str, Any]) -> tuple[str, ...]:
+        """The keys that the shape of a table takes."""
+        shape = table.get("shape", "beam")
+        across = ("plane", "thickness") if shape in ("channel", "file") or table.get("cell") in PLANE_CELLS else ()
+        return ("shape", *KEYS.get(shape if isinstance(shape, str) else "", ()), "order", "element", *across)
 
     @property
     def extent(self) -> Vector:
@@ -94,28 +106,53 @@ class Material:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Where:
+    """A place by coordinates: the nodes within a distance of a point or of a plane, or in a box between two corners.
+
+    As a face it is made of the outer facets whose corners all lie there.
+    """
+
+    near: Vector | None = quantity(None, unit="m")
+    plane: Vector | None = quantity(None, unit="m")  # a point of it
+    normal: Vector | None = None
+    within: float | None = quantity(None, unit="m", at_least=0)
+    box: tuple[Vector, Vector] | None = quantity(None, unit="m")
+
+    def __str__(self) -> str:
+        pairs = ((key, getattr(self, key)) for key in ("near", "plane", "normal", "within", "box"))
+        return "{ " + ", ".join(f"{key} = {_plain(value)}" for key, value in pairs if value is not None) + " }"
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+def _plain(value: object) -> str:
+    return f"[{', '.join(map(_plain, value))}]" if isinstance(value, tuple) else f"{value}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Support:
     """Components of the displacement held at a place; `displacement` is reached linearly at the last step.
 
     `where` is a face of a shape, a physical group of a file, or several of them with blanks between: what they have in
-    common, so "x-min z-min" is an edge. In a plane body z is held everywhere.
+    common, so "x-min z-min" is an edge; or a place by coordinates. In a plane body z is held everywhere.
     """
 
-    where: str
+    where: str | Where
     fixed: str = "xyz"
-    displacement: Vector = quantity((0.0, 0.0, 0.0), unit="m")
+    displacement: Vector = quantity((0.0, 0.0, 0.0), unit="m", **FAR)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """A dead load, reached linearly at the last step: a traction [Pa] on a face, or an acceleration [m/s2] of the body.
+    """A dead load, reached linearly at the last step: a traction [Pa] on a face, outer or inner, or an acceleration [m/s2] of the body.
 
     With `sudden` it acts in full from the start, in dynamic scenes only.
     """
 
-    where: str | None = None
-    traction: Vector | None = quantity(None, unit="Pa")
-    acceleration: Vector | None = quantity(None, unit="m/s2")
+    where: str | Where | None = None
+    traction: Vector | None = quantity(None, unit="Pa", **STRONG)
+    acceleration: Vector | None = quantity(None, unit="m/s2", **STRONG)
     sudden: bool = False
 
 
@@ -126,13 +163,20 @@ class Obstacle:
     Its centre follows the way-points of `path`, reached at equal fractions of the steps, the first one at step 0.
     """
 
+    @staticmethod
+    def keys_for(table: dict[str, Any]) -> tuple[str, ...]:
+        """The keys that the shape of a table takes."""
+        shape = table.get("shape")
+        own = NEEDS.get(shape if isinstance(shape, str) else "", ()) + ("radius",) * (shape == "box")
+        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule")), "path", "contact")
+
     shape: str = quantity(choice=tuple(NEEDS))
-    radius: float | None = quantity(None, unit="m", at_least=0)  # of a box: of its edges, by default a twentieth of its smallest side
+    radius: float | None = quantity(None, unit="m", at_least=0, at_most=1e9)  # a box's edges: 1/20 of its smallest side
     axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule
     length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # capsule, between the centres of its ends
     size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # box
     normal: Vector | None = None  # half-space, out of it
-    path: tuple[Vector, ...] = quantity(unit="m")
+    path: tuple[Vector, ...] = quantity(unit="m", **FAR)
     contact: str = quantity("facets", choice=("facets", "nodes"))
 
 
@@ -147,4 +191,4 @@ class Steps:
     count: int = quantity(400, at_least=1, at_most=1_000_000)
     duration: float | None = quantity(None, unit="s", above=0, at_least=1e-9, at_most=1e9)
     dynamic: bool = False
-    velocity: Vector | None = quantity(None, unit="m/s")
+    velocity: Vector | None = quantity(None, unit="m/s", **FAR)

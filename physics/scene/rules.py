@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Obstacle
+from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Obstacle, Where
 from physics.schema import InputError, nearest
 
 TAKES = NEEDS | {"box": ("size", "radius")}  # besides shape, axis, path and contact
@@ -21,11 +21,21 @@ def with_defaults(body: Any) -> Any:
     return body
 
 
+def is_plane(body: Body) -> bool:
+    """Whether a shape is plane; of a file that is not known before it is read."""
+    return body.shape == "channel" or (body.shape == "plate" and body.cell in PLANE_CELLS)
+
+
+def keys_of(body: Body) -> list[str]:
+    """The keys that the shape of a body takes."""
+    plane = is_plane(body)
+    takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
+    return takes + ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
+
+
 def check_body(body: Body, given: dict[str, Any]) -> None:
     """Which keys a shape needs, takes and refuses."""
-    plane = body.shape == "channel" or (body.shape == "plate" and body.cell in PLANE_CELLS)
-    takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
-    takes += ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
+    plane, takes = is_plane(body), keys_of(body)
     kind = f"a plane {body.shape}" if body.shape == "plate" and plane else f"a {body.shape}"
     for key in given:
         if key not in takes:
@@ -61,13 +71,35 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
                              f"{length:g} x {height:g} m")
 
 
-def check_place(body: Body, where: str | None, key: str) -> None:
+def check_place(body: Body, where: str | Where | None, key: str) -> None:
     """Refuse a place that the shape does not have; those of a file are checked when it is read."""
+    if isinstance(where, Where):
+        _check_where(where, key)
+        return
     if where is None or body.places is None:
         return
     for word in where.split() or [""]:
         if word not in body.places:
             raise InputError(f"{key} = {word!r}: must be one of {', '.join(body.places)}{nearest(word, body.places)}")
+
+
+def _check_where(where: Where, key: str) -> None:
+    """A place by coordinates has exactly one of near, plane and box, and what that needs."""
+    kinds = {"near": ("near", "within"), "plane": ("plane", "normal", "within"), "box": ("box",)}
+    given = [name for name in ("near", "plane", "normal", "within", "box") if getattr(where, name) is not None]
+    chosen = [name for name in kinds if name in given]
+    if len(chosen) != 1:
+        raise InputError(f"{key}: give exactly one of near, plane and box")
+    needs = kinds[chosen[0]]
+    for name in (*given, *needs):
+        if name not in needs:
+            raise InputError(f"{key}.{name}: {chosen[0]} takes {' and '.join(needs[1:]) or 'nothing else'}")
+        if name not in given:
+            raise InputError(f"{key}.{name}: missing; {chosen[0]} needs it")
+    if where.normal is not None and math.hypot(*where.normal) == 0:
+        raise InputError(f"{key}.normal must not be the zero vector")
+    if where.box is not None and any(low > high for low, high in zip(*where.box, strict=True)):
+        raise InputError(f"{key}.box: its first corner must have the smaller coordinates")
 
 
 def complete(obstacle: Obstacle) -> Obstacle:
@@ -84,12 +116,14 @@ def complete(obstacle: Obstacle) -> Obstacle:
         if radius > smallest / 2:
             raise InputError(f"obstacle.radius = {radius!r}: must be at most {smallest / 2:g} m, half the smallest side of the box")
         obstacle = replace(obstacle, radius=radius)
-    elif obstacle.radius == 0:
-        raise InputError("obstacle.radius = 0.0: must be above 0 m")
+    elif obstacle.radius is not None and obstacle.radius < 1e-9:
+        raise InputError(f"obstacle.radius = {obstacle.radius!r}: must be {'at least 1e-09' if obstacle.radius else 'above 0'} m")
     for key in ("axis", "normal"):
         vector = getattr(obstacle, key)
         if vector is not None and math.hypot(*vector) == 0:
             raise InputError(f"obstacle.{key} must not be the zero vector")
+        if vector is not None and not 1e-9 <= math.hypot(*vector) <= 1e9:
+            raise InputError(f"obstacle.{key} = {list(vector)}: its length must be from 1e-9 to 1e9; what counts is its direction")
     if not obstacle.path:
         raise InputError("obstacle.path must have at least one way-point")
     return obstacle

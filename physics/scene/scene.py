@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
+from physics.scene.change import change
 from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
-from physics.scene.rules import check_body, check_place, complete, with_defaults
-from physics.schema import InputError, nearest, read_table, read_toml, to_table
+from physics.scene.rules import check_body, check_place, complete, keys_of, with_defaults
+from physics.schema import InputError, nearest, parse_toml, read_table, read_toml, to_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,20 +29,24 @@ class Scene:
 
     def to_toml(self) -> str:
         """The scene as a TOML file that `load_scene` reads back unchanged."""
-        return tomli_w.dumps(to_table(self))
+        table = to_table(self)
+        takes = keys_of(self.body)  # without the defaults of other shapes' keys
+        table["body"] = {key: value for key, value in table["body"].items() if key in takes}
+        return tomli_w.dumps(table)
 
     @staticmethod
     def from_toml(text: str) -> Scene:
         """The scene in a text, as `to_toml` writes it. Raises `InputError`."""
         try:
-            return read_scene(tomllib.loads(text))
-        except tomllib.TOMLDecodeError as error:
+            table = parse_toml(text)
+        except InputError as error:
             raise InputError(f"its scene is not TOML: {error}") from None
+        return read_scene(table)
 
 
-def load_scene(path: str | Path) -> Scene:
-    """A scene from a TOML file. Raises `InputError` in one line when anything about it is wrong."""
-    return _load(path, read_scene)
+def load_scene(path: str | Path, changes: Sequence[str] = ()) -> Scene:
+    """A scene from a TOML file, some values changed (`obstacle.radius=0.012`). Raises `InputError` when anything about it is wrong."""
+    return _load(path, read_scene, changes)
 
 
 def load_body(path: str | Path) -> Body:
@@ -52,9 +56,10 @@ def load_body(path: str | Path) -> Body:
     return _load(path, read_body)
 
 
-def _load(path: str | Path, read: Callable[[dict[str, Any]], Any]) -> Any:
+def _load(path: str | Path, read: Callable[[dict[str, Any]], Any], changes: Sequence[str] = ()) -> Any:
     try:
         table = read_toml(path)
+        change(table, changes)
         body = table.get("body")
         if isinstance(body, dict) and isinstance(body.get("path"), str):
             body["path"] = str(Path(path).parent / body["path"])

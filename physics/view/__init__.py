@@ -11,10 +11,11 @@
 Legend: N nodes of the body, M nodes of the obstacle, F facets, T frames. Lengths in [m] come in, pictures show [mm].
 """
 
-from physics.view.drawing import Obstacle
+from physics.view.drawing import ObstacleSurface
 from physics.view.exhibit import Exhibit, Motion, mode_exhibit, path_exhibit
-from physics.view.pictures import film, frame_picture, mode_film, mode_picture, mode_pictures, segment_picture
+from physics.view.pictures import film, frame_picture, mode_film, mode_picture, mode_pictures, segment_picture, still_picture
 from physics.view.viewer import section, shell, write_page
 
-__all__ = ["Exhibit", "Motion", "Obstacle", "film", "frame_picture", "mode_exhibit", "mode_film", "mode_picture", "mode_pictures",
-           "path_exhibit", "section", "segment_picture", "shell", "write_page"]
+__all__ = ["Exhibit", "Motion", "ObstacleSurface", "film", "frame_picture", "mode_exhibit", "mode_film", "mode_picture", "mode_pictures",
+           "path_exhibit", "section", "segment_picture", "shell", "still_picture",
+           "write_page"]

@@ -30,15 +30,15 @@ TOWARDS_EYE = np.array([-0.12, -1.0, 0.36]) / np.linalg.norm([-0.12, -1.0, 0.36]
 
 
 @dataclass(frozen=True)
-class Obstacle:
+class ObstacleSurface:
     """The surface of a rigid body: points (M, 3) in one frame or (T, M, 3) in all of them [m], triangles (F, 3)."""
 
     points: Floats
     triangles: Integers
 
-    def at(self, frame: int) -> Obstacle:
+    def at(self, frame: int) -> ObstacleSurface:
         """The obstacle in one frame."""
-        return self if self.points.ndim == 2 else Obstacle(self.points[frame], self.triangles)
+        return self if self.points.ndim == 2 else ObstacleSurface(self.points[frame], self.triangles)
 
 
 def eye_for(mesh: Mesh) -> Floats:
@@ -67,7 +67,7 @@ def _axes_of_view(eye: Floats) -> tuple[Floats, Floats]:
     return right, np.cross(eye, right)
 
 
-def fit(clouds: list[Floats], obstacle: Obstacle | None, eye: Floats = TOWARDS_EYE) -> Camera:
+def fit(clouds: list[Floats], obstacle: ObstacleSurface | None, eye: Floats = TOWARDS_EYE) -> Camera:
     """A camera that sees the whole body, and of the obstacle what is near: at most half the body's extent beyond it."""
     right, up = _axes_of_view(eye)
     points = np.concatenate(clouds)
@@ -91,7 +91,7 @@ def panel_size(camera: Camera, panels: int) -> tuple[int, int]:
 
 
 def draw(mesh: Mesh, displacement: Floats, colour: Floats, limits: tuple[float, float], cmap: str, camera: Camera,
-          size: tuple[int, int], *, obstacle: Obstacle | None = None, outline: Floats | None = None) -> Pixels:
+          size: tuple[int, int], *, obstacle: ObstacleSurface | None = None, outline: Floats | None = None) -> Pixels:
     """(height, width, 3) picture of a body, coloured by a value at each node (N,) or by red, green and blue on each facet (F, 3)."""
     _find_screen()
     plotter: Any = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")

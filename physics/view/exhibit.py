@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from physics.body.stress import von_mises
 from physics.mesh.mesh import Mesh
 from physics.scene import Material
-from physics.view.drawing import Floats, Obstacle, eye_for, feature_edges, fit
+from physics.view.drawing import Floats, ObstacleSurface, eye_for, feature_edges, fit
 from physics.view.lowrank import Shapes, compress
 from physics.view.pictures import ERROR_COLOURS, SIZE_COLOURS, VALUE_COLOURS
 
@@ -54,7 +54,7 @@ class Exhibit:
     motions: dict[str, Motion]
     frames: Sequence[str]
     truth: str = ""
-    obstacle: Obstacle | None = None
+    obstacle: ObstacleSurface | None = None
     unit: tuple[str, float] = ("mm", 1e3)
 
     @property
@@ -72,7 +72,8 @@ class Exhibit:
 
 
 def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Material | None, *, truth: str = "",
-                 obstacle: Obstacle | None = None, first: int = 0, steps: int | None = None, step_seconds: float | None = None) -> Exhibit:
+                 obstacle: ObstacleSurface | None = None, first: int = 0, steps: int | None = None,
+                 step_seconds: float | None = None) -> Exhibit:
     """Paths (T, N, 3) [m] of one body with their von Mises stress, at most FRAMES of their frames, evenly spread.
 
     material: without one there is no stress
@@ -84,7 +85,7 @@ def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Mat
     last = count - 1 if steps is None else steps
     names = [f"step {first + k} of {last}" + ("" if step_seconds is None else f", {(first + k) * step_seconds:.4g} s") for k in chosen]
     exhibit = Exhibit(title=title, mesh=mesh, motions={name: Motion(displacement=path[chosen]) for name, path in paths.items()},
-                      frames=names, truth=truth, obstacle=obstacle and Obstacle(obstacle.points[chosen], obstacle.triangles))
+                      frames=names, truth=truth, obstacle=obstacle and ObstacleSurface(obstacle.points[chosen], obstacle.triangles))
     if material is None:
         return exhibit
     stress = {name: at_nodes(mesh, np.array([von_mises(mesh, frame, material) for frame in motion.displacement]))
@@ -133,7 +134,7 @@ def stored(exhibit: Exhibit, room: int) -> dict[str, Any]:
     quantities = _quantities(exhibit)
     seen = [truth] if truth is not None else list(exhibit.motions.values())
     ends = [mesh.points + end(motion.displacement, axis=0) for motion in seen for end in (np.min, np.max)]
-    surface = exhibit.obstacle and Obstacle(exhibit.obstacle.points.reshape(-1, 3), exhibit.obstacle.triangles)
+    surface = exhibit.obstacle and ObstacleSurface(exhibit.obstacle.points.reshape(-1, 3), exhibit.obstacle.triangles)
     camera = fit([mesh.points, *ends], surface, eye_for(mesh))
     return {"title": exhibit.title, "frames": list(exhibit.frames), "truth": exhibit.truth if truth is not None else "",
             "camera": {"centre": camera.centre.tolist(), "half": [camera.half_width, camera.half_height], "eye": camera.eye.tolist()},
@@ -190,7 +191,7 @@ def _drawn(motion: dict[str, Any], quantities: list[dict[str, Any]]) -> str:
     return f"{motion['name']}: {', '.join(within)}"
 
 
-def _obstacle(obstacle: Obstacle | None, room: int) -> dict[str, Any] | None:
+def _obstacle(obstacle: ObstacleSurface | None, room: int) -> dict[str, Any] | None:
     if obstacle is None:
         return None
     places = obstacle.points.reshape(-1, *obstacle.points.shape[-2:]).astype(np.float64)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,15 @@ from matplotlib.colors import hsv_to_rgb
 from PIL import Image
 
 from physics.mesh.mesh import Mesh
-from physics.view.drawing import Floats, Integers, Obstacle, draw, eye_for, fit, panel_size
+from physics.view.drawing import Floats, Integers, ObstacleSurface, draw, eye_for, fit, panel_size
 from physics.view.page import Page, write_film
 
+FILM = 20  # pictures of a mode's film
 ERROR_COLOURS, SIZE_COLOURS, VALUE_COLOURS = "YlOrRd", "viridis", "RdBu_r"
 
 
 def frame_picture(path: str | Path, mesh: Mesh, *, prediction: Floats, truth: Floats, step: int, steps: int,
-                  obstacle: Obstacle | None = None, names: tuple[str, str] = ("prediction", "finite elements")) -> None:
+                  obstacle: ObstacleSurface | None = None, names: tuple[str, str] = ("prediction", "finite elements")) -> None:
     """Write one frame as PNG: the prediction left, coloured by its error, over the outline of the truth; the truth right.
 
     Args:
@@ -38,8 +40,20 @@ def frame_picture(path: str | Path, mesh: Mesh, *, prediction: Floats, truth: Fl
     page.show((left, right), title).save(path)
 
 
+def still_picture(path: str | Path, mesh: Mesh, displacement: Floats, frame: int, *, obstacle: ObstacleSurface | None = None) -> None:
+    """Write one frame of displacements (T, N, 3) [m] as PNG, coloured by their size; obstacle: with points (T, M, 3)."""
+    size = 1e3 * np.linalg.norm(displacement[frame], axis=1)  # (N,) [mm]
+    limits, here = (0.0, float(size.max()) or 1e-9), None if obstacle is None else obstacle.at(frame)
+    camera = fit([mesh.points + displacement[frame], mesh.points], here)
+    panel = draw(mesh, displacement[frame], size, limits, SIZE_COLOURS, camera, panel_size(camera, 1), obstacle=here)
+    page = Page((panel,), ("",), limits, SIZE_COLOURS, "displacement [mm]")
+    title = f"step {frame} of {len(displacement) - 1}:  largest displacement {size.max():.3g} mm"
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    page.show((panel,), title).save(path)
+
+
 def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | None = None,
-         obstacle: Obstacle | None = None, frames: int = 60, seconds: float = 6.0,
+         obstacle: ObstacleSurface | None = None, frames: int = 60, seconds: float = 6.0,
          names: tuple[str, str] = ("prediction", "finite elements")) -> int:
     """Write a GIF of a trajectory, and give the number of its pictures.
 
@@ -57,7 +71,7 @@ def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | 
     colour = 1e3 * np.linalg.norm(shown, axis=2)  # (T, N) [mm]
     limits = (0.0, float(colour.max()) or 1e-9)
     cmap, label = (SIZE_COLOURS, "displacement [mm]") if truth is None else (ERROR_COLOURS, "error [mm]")
-    ends = None if obstacle is None else Obstacle(obstacle.points.reshape(-1, 3), obstacle.triangles)
+    ends = None if obstacle is None else ObstacleSurface(obstacle.points.reshape(-1, 3), obstacle.triangles)
     camera = fit([mesh.points + both.min(axis=0), mesh.points + both.max(axis=0), mesh.points], ends)
     size = panel_size(camera, 1 if truth is None else 2)
     page, pictures = None, []
@@ -74,7 +88,7 @@ def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | 
     return len(pictures)
 
 
-def segment_picture(path: str | Path, mesh: Mesh, segment: Integers, *, obstacle: Obstacle | None = None) -> None:
+def segment_picture(path: str | Path, mesh: Mesh, segment: Integers, *, obstacle: ObstacleSurface | None = None) -> None:
     """Write the body at rest as PNG, with each facet in the colour of the segment (N,) that most of its nodes belong to."""
     hues = 0.61803398875 * np.arange(segment.max() + 1) % 1  # golden section: numbers that follow each other differ most
     colours = hsv_to_rgb(np.stack([hues, 0.45 + 0.3 * (np.arange(len(hues)) % 2), np.full(len(hues), 0.92)], axis=1))
@@ -91,7 +105,7 @@ def mode_picture(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "")
     _mode_frames(mesh, mode, title, [1.0])[0].save(path)
 
 
-def mode_film(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "", frames: int = 20, seconds: float = 1.6) -> None:
+def mode_film(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "", frames: int = FILM, seconds: float = 1.6) -> None:
     """Write one period of a mode as GIF.
 
     A displacement (N, 3) of any scale moves the body, the largest one by a sixth of its length, over its outline at rest; a
@@ -101,15 +115,25 @@ def mode_film(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "", fr
     write_film(path, _mode_frames(mesh, mode, title, phases), [round(1e3 * seconds / frames)] * frames)
 
 
-def mode_pictures(folder: str | Path, mesh: Mesh, modes: Floats, *, names: Sequence[str]) -> list[str]:
-    """Write mode_01.png, mode_01.gif and so on of modes (m, N, 3) or (m, N), with a title for each; their file names."""
+def mode_pictures(folder: str | Path, mesh: Mesh, modes: Floats, *, names: Sequence[str], films: bool = True,
+                  say: Callable[[str], None] = lambda text: None) -> list[str]:
+    """Write mode_01.png, mode_01.gif and so on of modes (m, N, 3) or (m, N), with a title for each; their file names.
+
+    films: False leaves the films out, which take nearly all of the time
+    say: is told how long it will take, after the first picture
+    """
     Path(folder).mkdir(parents=True, exist_ok=True)
-    written = []
+    written, started = [], time.perf_counter()
     for i, (mode, name) in enumerate(zip(modes, names, strict=True)):
         stem = f"mode_{i + 1:02d}"
         mode_picture(Path(folder) / f"{stem}.png", mesh, mode, title=f"mode {i + 1}:  {name}")
-        mode_film(Path(folder) / f"{stem}.gif", mesh, mode, title=f"mode {i + 1}:  {name}")
-        written += [f"{stem}.png", f"{stem}.gif"]
+        written.append(f"{stem}.png")
+        if i == 0:
+            left = (time.perf_counter() - started) * (len(names) * (1 + films * FILM) - 1)
+            say(f"{len(names)} pictures{f' and films of {FILM} each' if films else ''}: about {left:.0f} s more")
+        if films:
+            mode_film(Path(folder) / f"{stem}.gif", mesh, mode, title=f"mode {i + 1}:  {name}")
+            written.append(f"{stem}.gif")
     return written
 
 

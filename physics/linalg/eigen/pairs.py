@@ -18,6 +18,7 @@ from slepc4py import SLEPc
 Floats = NDArray[np.float64]
 
 GOAL = 1e-8
+GAP = 0.02  # relative, of one value to the next
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +101,7 @@ def largest(K: PETSc.Mat, M: PETSc.Mat) -> float:
     return float(ratio.max()[1])
 
 
-def clusters(values: Floats, zeros: int = 0, *, gap: float = 0.02) -> tuple[range, ...]:
-    """The runs of eigenvalues (m,) that lie nearer together than a relative gap; the first `zeros` ones are one run."""
-    starts = [i for i in range(len(values)) if i == 0 or i == zeros or (i > zeros and values[i] - values[i - 1] > gap * values[i])]
+def clusters(values: Floats, zeros: int = 0) -> tuple[range, ...]:
+    """The runs of eigenvalues (m,) that lie nearer together than GAP; the first `zeros` ones are one run."""
+    starts = [i for i in range(len(values)) if i == 0 or i == zeros or (i > zeros and values[i] - values[i - 1] > GAP * values[i])]
     return tuple(range(*ends) for ends in zip(starts, [*starts[1:], len(values)], strict=True))

@@ -153,7 +153,8 @@ class Viewer {
       const digits = getComputedStyle(this.root).getPropertyValue(name).trim().slice(1);
       return [...(digits.length === 3 ? digits.replace(/./g, "$&$&") : digits).match(/../g).map(pair => parseInt(pair, 16) / 255), opacity];
     };
-    const ratio = Math.min(shown.length > 1 ? 0.85 : 0.6, Math.max(0.45, 1.1 * exhibit.camera.half[1] / exhibit.camera.half[0]));
+    const [low, high] = shown.length > 1 ? [0.6, 0.85] : [0.45, 0.6], [wide, tall] = exhibit.camera.half;  /* room to turn */
+    const ratio = Math.min(high, Math.max(low, 1.1 * tall / wide));
     this.beside = this.stage.resize(shown.length, ratio);
     this.stage.colours = this.colours[quantity.colours];
     const rigid = exhibit.rigid && {places: exhibit.obstacleAt(frame), index: exhibit.rigid.triangles, plain: [0.6, 0.62, 0.64, 0.55]};

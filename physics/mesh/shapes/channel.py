@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.mesh.boxes import faces
 from physics.mesh.mesh import Floats, Integers, Mesh
+from physics.mesh.shapes.boxes import faces
 from physics.scene import Body
 
 Block = tuple[Floats, Integers]  # points (N, 2), quadrilaterals (C, 4)

@@ -1,0 +1,5 @@
+"""The meshes of shapes that a scene describes by a few numbers.
+
+    boxes      beams along x, and plates
+    channel    a channel with a round hole
+"""
