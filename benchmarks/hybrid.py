@@ -4,9 +4,10 @@
     .venv/bin/python -m benchmarks.hybrid beam77            one row for each beam and prediction
     .venv/bin/python -m benchmarks.hybrid beam77 --start    what predictions save as the start of finite elements
 
-Predictions are made up, so that the worst of each kind is known: the truth with a smooth error of 3e-5 m root mean square that changes
-along the path, which stretches and shears the body besides bending it; the truth three frames late; the reduced-order model. Errors
-are root mean squares over all components. Two more bodies are driven until they slip off their obstacle and come to rest elsewhere.
+Two predictions are made up, so that the worst of each kind is known: the truth with a smooth error of 3e-5 m root mean square
+that changes along the path, which stretches and shears the body besides bending it; the truth three frames late. Beside them
+stands a trained network of this family. Errors are root mean squares over all components. Two more bodies are driven until they
+slip off their obstacle and come to rest elsewhere.
 """
 
 from __future__ import annotations
@@ -16,19 +17,20 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks import footing
+from datagen.files.trajectory import Trajectory
 from datagen.sets.dataset import files
-from learning.prediction.predictor import LeftOut
+from learning.prediction.checkpoint import load_model
+from learning.prediction.rollout import rollout
 from learning.report.evaluate import load_cases
 from physics.equilibrium.path import LoadPath
 from physics.fidelity.correct import Corrector, Floats
 from physics.mesh.mesh import Mesh
-from physics.reduced.model import Reduced
 from physics.scene import Scene
 from physics.solution import solve
 from tests.hard_cases import SLIPPING
 
 LATE, OFF, WAVES = 3, 3e-5, 12
-Case = tuple[str, Scene, Mesh, Floats]  # name, and the truth (T, N, 3)
+Case = tuple[str, Scene, Mesh, Floats, Trajectory | None]  # name, and the truth (T, N, 3)
 
 
 def smooth(mesh: Mesh, frames: int, fixed: np.ndarray, seed: int) -> Floats:
@@ -47,17 +49,19 @@ def smooth(mesh: Mesh, frames: int, fixed: np.ndarray, seed: int) -> Floats:
 
 
 def predictions(case: Case, fixed: np.ndarray) -> Iterator[tuple[str, Floats]]:
-    name, scene, mesh, truth = case
+    name, _, mesh, truth, trajectory = case
     yield "smooth error", truth + smooth(mesh, len(truth), fixed, sum(name.encode()))
     yield f"{LATE} frames late", truth[np.maximum(np.arange(len(truth)) - LATE, 0)]
+    if trajectory is not None:
+        yield "assets/m4gn-fast", rollout(load_model("assets/m4gn-fast"), trajectory).displacement[:, trajectory.body].astype(np.float64)
 
 
 def cases(folder: str) -> Iterator[Case]:
     for found in load_cases(files(folder, "test")):
-        yield found.name, found.scene, found.mesh, found.truth.astype(np.float64)
+        yield found.name, found.scene, found.mesh, found.truth.astype(np.float64), found.trajectory
     for name, scene in SLIPPING.items():
         solution = solve(scene)
-        yield name, scene, solution.mesh, solution.displacement
+        yield name, scene, solution.mesh, solution.displacement, None
 
 
 def rms(error: Floats) -> Floats:
@@ -100,7 +104,7 @@ def main() -> None:
     options = parser.parse_args()
     table = footing.Table()
     for case in cases(options.folder):
-        name, scene, mesh, truth = case
+        name, scene, mesh, truth, _ = case
         last = len(truth) - 1
         alone, steps = elements(scene, mesh, last, {})
         fixed = Corrector(scene, mesh).balance.fixed
