@@ -51,7 +51,8 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add("--resume", action="store_true", help="go on from the run's last checkpoint, or begin where there is none")
     add = verb("rollout", rollout, "run", "trajectory").add_argument
     add("--out", required=True, help="trajectory, .vtkhdf")
-    add("--correct", type=positive, metavar="K", help="follow each predicted frame by K Newton steps, and go on from there")
+    add("--correct", type=positive, metavar="K",
+        help="follow each predicted frame by K Newton steps, or more where one falls short, and go on from there")
     add = verb("sweep", sweep, "scene").add_argument
     add("--predictor", required=True, metavar="RUN", help="folder of a trained predictor of beams by sections")
     add("--out", required=True, help="results, .h5")

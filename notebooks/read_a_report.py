@@ -52,8 +52,9 @@ mine[:, truth.body] = prediction
 write_trajectory(folder / "mine.vtkhdf", dataclasses.replace(truth, displacement=mine, per_frame={}))
 
 found = verify_files(folder / "mine.vtkhdf", folder / "truth.vtkhdf", folder / "report")
-for name, value in found.items():
-    print(f"{name:26s} {value:.4g}")
+for name in found["units"]:
+    print(f"{name:26s} {found[name]:.4g}")
+print(f"{'worst_step':26s} {found['worst_step']}", found["verdict"], sep="\n")
 
 # %% [markdown]
 # How to read this. `rmse_all` is the error, `relative_residual` the force that is missing to equilibrium: an error can be small

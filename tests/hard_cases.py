@@ -128,15 +128,18 @@ def squeezed_at_once():
     return against_small_steps(read_scene({"material": {"young_modulus": 1e6, "poisson_ratio": 0.4}, "steps": {"count": 1}, **BLOCK}), 40)
 
 
+SLIPPING = {name: beam(obstacle={"shape": shape, "radius": 0.01, "path": [[*at, 0.0305], [*at, end]]}, steps={"count": 200})
+            for name, shape, at, end in (("slips off the tip", "cylinder", [0.055, 0.01], -0.0305),
+                                         ("slips off sideways", "sphere", [0.055, 0.014], -0.0255))}
+
+
 def slips_off_the_tip():
-    down = {"shape": "cylinder", "radius": 0.01, "path": [[0.055, 0.01, 0.0305], [0.055, 0.01, -0.0305]]}
-    return against_work(beam(obstacle=down, steps={"count": 200}), 1 / 150)  # in the step of a snap the force is known at its start only
+    return against_work(SLIPPING["slips off the tip"], 1 / 150)  # in the step of a snap the force is known at its start only
 
 
 def slips_off_sideways():
     """A sphere beside the middle of the beam: the beam turns and bends aside until it slips off."""
-    down = {"shape": "sphere", "radius": 0.01, "path": [[0.055, 0.014, 0.0305], [0.055, 0.014, -0.0255]]}
-    return against_work(beam(obstacle=down, steps={"count": 200}), 2 / 150)  # as above; it snaps twice
+    return against_work(SLIPPING["slips off sideways"], 2 / 150)  # as above; it snaps twice
 
 
 def distorted():

@@ -42,7 +42,7 @@ def test_rows_of_runs_carry_what_differs_between_them(monkeypatch, tmp_path, oth
     def model(config, weights):
         return SimpleNamespace(config=config, network=SimpleNamespace(parameters=lambda: [SimpleNamespace(numel=lambda: weights)]))
 
-    monkeypatch.setattr(module, "read_checkpoint", lambda path: SimpleNamespace(about={"step": 40}))
+    monkeypatch.setattr(module, "read_stored", lambda path: ({"step": 40}, {}))
     runs = {"x/a": model(TrainConfig(), 7), "x/b": model(other, 9 if other.network.walk else 7)}
     assert tuple(module._apart(runs).values()) == words and module._apart({"x/a": runs["x/a"]}) == {}
 
@@ -54,6 +54,6 @@ def test_rows_of_runs_carry_what_differs_between_them(monkeypatch, tmp_path, oth
     monkeypatch.setattr(module, "_facts", lambda *given: {})
     monkeypatch.setattr(module, "_limits", lambda *given: [])
     monkeypatch.setattr(module, "write_report", lambda out, report, shown: kept.update(report=report) or {"summary": ""})
-    module.report_on([], [SimpleNamespace(name="c", scene=None)], tmp_path, title="", runs=runs, refined=0)
+    module.report_on([], [SimpleNamespace(name="c", known=None)], tmp_path, title="", runs=runs, refined=0)
     assert [each.about for each in kept["report"].rows] == [*words, "", "", "", ""]
     assert ("nothing but their seed" in kept["report"].notes[-1]) is chance and len(kept["report"].notes) == 1

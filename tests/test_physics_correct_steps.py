@@ -25,22 +25,23 @@ def newton(balance, u, fraction, at=None):
     return u + step.reshape(u.shape)
 
 
-def test_each_step_is_newtons_and_held_components_are_put_on_their_share_of_the_prescription():
+def test_a_count_is_of_orders_of_magnitude_and_held_components_are_put_on_their_share_of_the_prescription():
     scene = beam(body=SMALL, support=HELD, load=LOAD)
     mesh = build_mesh(scene.body)
-    guess = 2e-4 * np.random.default_rng(0).normal(size=mesh.points.shape)
-    for count in (1, 2):
+    balance = Corrector(scene, mesh).balance
+    truth = np.zeros_like(mesh.points)
+    for _ in range(8):
+        truth = newton(balance, truth, 0.4)
+    guess = truth + 3e-5 * np.random.default_rng(0).normal(size=truth.shape)
+    for count in (1, 2, 3):
         corrector = Corrector(scene, mesh, count=count)
         found = corrector(guess, 0.4)
-        expected = guess
-        for _ in range(count):  # a single step has the stiffness of the guess, more of them that of the last state, here of rest
-            expected = newton(corrector.balance, expected, 0.4, at=None if count == 1 else np.zeros_like(guess))
-        np.testing.assert_allclose(found, expected, atol=1e-11)
-        assert corrector.iterations == count and corrector.factorisations == 1
+        assert np.linalg.norm(found - truth) < 0.1**count * np.linalg.norm(guess - truth)
+        assert corrector.factorisations == 1 and corrector.iterations <= count + 4  # the factor is that of rest
         assert found[mesh.place("x-max y-min"), 2] == pytest.approx(-0.0012, abs=1e-15) and not found[mesh.places["x-min"]].any()
 
 
-def test_until_the_solvers_tolerance_by_default_one_step_and_all_of_them_are_counted():
+def test_without_a_count_it_is_the_solution_and_all_steps_are_counted():
     scene = beam(body=SMALL, support=HELD, load=LOAD)
     mesh = build_mesh(scene.body)
     whole = Corrector(scene, mesh, count=None)
@@ -54,9 +55,8 @@ def test_until_the_solvers_tolerance_by_default_one_step_and_all_of_them_are_cou
     assert first < whole.iterations <= first + 2
     once = Corrector(scene, mesh)
     assert once.count == 1 and once.iterations == 0
-    once(np.zeros_like(mesh.points), 0.5)
-    once(np.zeros_like(mesh.points), 1.0)
-    assert once.iterations == 2
+    once(solution, 1.0)  # from where there is nothing left to do one step shows that
+    assert once.iterations == 1
 
 
 def test_before_anything_touches_rest_is_the_answer_whatever_the_guess_and_later_it_must_be_found():
@@ -71,6 +71,6 @@ def test_before_anything_touches_rest_is_the_answer_whatever_the_guess_and_later
     assert not corrector(guess, 0.1).any() and corrector.iterations == 0
     pressed = corrector(np.zeros_like(mesh.points), 0.5)
     assert pressed[mesh.places["z-max"], 2] == pytest.approx(-0.0003, rel=0.02)  # as far as the plane; contact gives a little
-    assert corrector.iterations == 1
+    assert corrector.iterations == 2  # the second shows that the first was good
     after = corrector(guess, 1.0)
-    assert after.any() and abs(after).max() < 0.3 * abs(guess).max() and corrector.iterations == 2
+    assert after.any() and abs(after).max() < 0.03 * abs(guess).max() and corrector.iterations > 2

@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 GAP_TOLERANCE = 1e-6  # error of a gap over the size of a cell
 STRONGEST = 1e3  # of a load, in units of Young's modulus
 FARTHEST = 1e4  # of an obstacle's path, in lengths that are safe for one step
+TURNED = 0.035  # of the smallest extent of the body that a node may move before a factor is made anew for correcting predictions
 
 
 class Balance:
@@ -121,6 +122,14 @@ class Balance:
         if self.contact is None:
             return float("inf")
         return float(self.contact.gaps(np.zeros_like(self.mesh.points), self.contact.obstacle.position(fraction))[0].min(initial=np.inf))
+
+    def turned(self, u: Floats, at: Floats) -> bool:
+        """Whether a factor made at one place (N, 3) no longer serves at another, as some node moved by TURNED of the extent h.
+
+        Where the end of a slender body has moved by d across it, a step along its soft directions is off by about 10 (d/h)^2 of
+        itself: the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3).
+        """
+        return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(np.ptp(self.mesh.points, axis=0).min())
 
     def stride(self, start: float, end: float) -> float:
         """How far the obstacle moves between two fractions of the loading, over what is safe for one step.

@@ -30,7 +30,6 @@ TOLERANCE = 1e-6  # residual force over reaction
 NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
 REACH = 2.0  # and up to this many cell sizes away they are looked at
 ITERATIONS = 12  # Newton steps before a state is given up
-TURNED = 0.035  # of the body's smallest extent that a node may move before the factor that corrects predictions is made anew
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,7 @@ class Newton:
     Attributes:
         tangent: the linear algebra, a kept factor or conjugate gradients
         tolerance: of the residual force, over the reaction
+        taken: steps so far
     """
 
     round_obstacle = True  # its curvature is part of the tangent
@@ -67,6 +67,7 @@ class Newton:
         self._watch = Watch()
         self._zone: Zone | None = None
         self._mixing = Mixing()
+        self.taken = 0
 
     @property
     def factorisations(self) -> int:
@@ -127,9 +128,9 @@ class Newton:
         if abs(way).max() <= GAP_TOLERANCE * self.balance.size:
             return u + way
         short = 1e-4 * self.balance.size / abs(way).max()  # the force against a way so short is linear in it
-        force = self.balance.elasticity.force
         if self.tangent.stale:
             self._refactor(u)
+        force = self.balance.elasticity.force
         return u + way + self.tangent.solve((force(u) - force(u + short * way)) / short)
 
     def polished(self, fraction: float, state: State) -> State:
@@ -142,8 +143,7 @@ class Newton:
     def correction(self, fraction: float, u: Floats) -> Floats:
         """One Newton step (N, 3), contact included, from any displacements (N, 3) at a fraction of the loading.
 
-        Raises:
-            NoEquilibrium: the stiffness there cannot be factored, or offers contact no resistance
+        Raises `NoEquilibrium` when the stiffness there cannot be factored, or offers contact no resistance.
         """
         contact, outer = self.balance.contact, self.balance.outer(fraction)
         self._refactor(u)
@@ -160,37 +160,34 @@ class Newton:
         """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
         self.tangent.stale = True
 
-    def improve(self, fraction: float, start: Floats, last: State, *, count: int) -> State:
-        """At most `count` Newton steps from a start (N, 3), contact included; fewer when they reach an equilibrium.
+    def improve(self, fraction: float, start: Floats, last: State, *, guess: Floats, share: float) -> State:
+        """Newton steps from a start (N, 3) until one is at most a share of the way from a guess (N, 3), or to the tolerance.
 
-        The factor is that of an earlier state, kept until some node has moved by TURNED of the body's smallest extent h: where
-        the end of a slender body has moved by d across it, a step along its soft directions is off by a share of the order of
-        10 (d/h)^2, because the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3).
-
-        Raises:
-            NoEquilibrium: the stiffness cannot be factored, or offers contact no resistance
+        The factor is that of a last state, not of a guess, whose noise stiffens and softens cells at random. No residual is found.
+        Raises `NoEquilibrium` when the steps grow or are too slow, the state is unstable, or the stiffness allows none.
         """
-        balance, outer, state = self.balance, self.balance.outer(fraction), last
-        limit = TURNED * float(np.ptp(balance.mesh.points, axis=0).min())
-        # Corrected by a single step, the last state may be farther from equilibrium than this guess, and so on from frame to frame;
-        # corrected by more it is smoother than any guess, whose noise stiffens and softens cells at random.
-        best = start if count == 1 else last.u
-        if self.tangent.stale or np.sqrt(((best - self.tangent.factored_at) ** 2).sum(axis=1).max()) > limit:
-            self._refactor(best)
-            if not self.tangent.definite:  # a guess so bad that the body would buckle
-                self._refactor(last.u)
-        u, pressure = start, last.pressure
-        touch = self._touch(fraction, u, pressure)
-        force = balance.elasticity.force(u) - outer
-        for iteration in range(1, count + 1):
-            u = u + self._step(force, touch)
-            force = balance.elasticity.force(u) - outer
-            pressure = last.pressure if touch is None else self._on_surface(touch, last.pressure)
+        if self.tangent.stale or self.balance.turned(last.u, self.tangent.factored_at):
+            self._refactor(last.u)
+            self._check_stable(self._touch(last.fraction, last.u, last.pressure), look=True)
+        u, pressure, size, outer = start, last.pressure, np.inf, self.balance.outer(fraction)
+        self._mixing.begin()
+        for iteration in range(1, ITERATIONS // 2 + 1):
             touch = self._touch(fraction, u, pressure)
-            state = self._judge(fraction, u, force, touch, pressure, iteration)
-            if max(state.residual / self.tolerance, state.gap_error / (GAP_TOLERANCE * balance.size)) <= 1:
+            force = self.balance.elasticity.force(u) - outer
+            if iteration > 1 and self._error(self._judge(fraction, u, force, touch, pressure, iteration)) <= 1:
                 break
-        return state
+            step = self._step(force, touch)
+            moved, pressure = self._mixing.next(u, step, last.pressure if touch is None else self._on_surface(touch, last.pressure))
+            before, size, u = size, float(np.linalg.norm(moved - u)), moved
+            if not size <= 2 * before:
+                raise NoEquilibrium("Newton's steps grow")
+            if size <= share * np.linalg.norm(u - guess):
+                break
+        else:
+            raise NoEquilibrium("Newton's steps shrink too slowly")
+        if self.tangent.giving:
+            self._check_stable(self._touch(fraction, u, pressure))
+        return State(fraction, u, pressure, iterations=iteration)
 
     def memory(self) -> NewtonMemory:
         """What `recall` takes."""
@@ -227,7 +224,7 @@ class Newton:
             force = balance.elasticity.force(u) - outer
             touch = self._touch(fraction, u, pressure)
             state = self._judge(fraction, u, force, touch, pressure, iteration)
-            error = max(state.residual / self.tolerance, state.gap_error / (GAP_TOLERANCE * balance.size))
+            error = self._error(state)
             if error <= 1:
                 self._check_stable(touch)
                 return state
@@ -255,6 +252,7 @@ class Newton:
 
     def _step(self, force: Floats, touch: Touch | None) -> Floats:
         """One Newton step (N, 3) from out-of-balance forces (N, 3); the contact forces after it go into `touch`."""
+        self.taken += 1
         if touch is None:
             return self.tangent.step(force, self.tolerance, None)
         near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
@@ -279,6 +277,10 @@ class Newton:
         points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
         if not self.tangent.held(None if touch is None or not len(points) else self._felt(touch, points)):
             raise NoEquilibrium("the body is unstable: it snaps through, buckles or slips off")
+
+    def _error(self, state: State) -> float:
+        """Of a state that was judged, over what is allowed."""
+        return max(state.residual / self.tolerance, state.gap_error / (GAP_TOLERANCE * self.balance.size))
 
     def _judge(self, fraction: float, u: Floats, force: Floats, touch: Touch | None, pressure: Floats, iteration: int) -> State:
         """How far displacements (N, 3) with out-of-balance forces (N, 3) and contact forces (Q,) are from equilibrium."""

@@ -2,5 +2,6 @@
 
     figures   what each figure is called, its unit, what it is, and what all of them say
     verify    its error, residual force, energy, penetration, reaction and mesh, against the scene it is of
+    starts    where the steps of a frame begin
     correct   what Newton steps make of it
 """
