@@ -52,7 +52,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add = verb("rollout", rollout, "run", "trajectory").add_argument
     add("--out", required=True, help="trajectory, .vtkhdf")
     add("--correct", type=positive, metavar="K",
-        help="follow each predicted frame by K Newton steps, or more where one falls short, and go on from there")
+        help="correct each predicted frame by Newton steps, about one for each of K orders of magnitude, and go on from there")
     add = verb("sweep", sweep, "scene").add_argument
     add("--predictor", required=True, metavar="RUN", help="folder of a trained predictor of beams by sections")
     add("--out", required=True, help="results, .h5")
@@ -68,7 +68,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add = verb("evaluate", evaluate, "run").add_argument
     add("--data", required=True, help="folder of a data set")
     add("--split", default="test")
-    add("--correct", type=positive, default=1, metavar="K", help="Newton steps after each frame of the corrected rollout (1)")
+    add("--correct", type=positive, default=1, metavar="K", help="orders of magnitude by which Newton steps correct each frame (1)")
     add("--refined", type=count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
     add("--out", help="folder of the report (RUN/report)")
     _own(add)

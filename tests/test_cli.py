@@ -153,7 +153,7 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
     result = run_json(capsys, "pareto", data, "--run", trained, "--out", tmp_path / "pareto", "--split", "train", "--count", "1",
                       "--repeats", "1", "--refined", "0")
     scores = {row["name"]: row["scores"] for row in result["rows"]}
-    assert {"M4GN", "M4GN, 1 Newton step", "M4GN, as the start of Newton", "reduced-order model"} <= scores.keys()
+    assert {"M4GN", "M4GN, corrected 10-fold", "M4GN, as the start of Newton", "reduced-order model"} <= scores.keys()
     assert scores["M4GN"]["rmse_all"] == pytest.approx(apart(tmp_path / "p.vtkhdf"), rel=1e-3)  # float32, on another number of threads
     assert result["outside"].keys() == {"0000"} and (tmp_path / "pareto" / "table.csv").exists()
     with h5py.File(first, "r+") as file:  # of the last frame a free node

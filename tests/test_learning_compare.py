@@ -77,7 +77,7 @@ def test_classical_methods_stand_among_themselves_the_reference_last():
 
 
 def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its_folder():
-    rungs = ["", ", 1 Newton step", ", as the start of Newton"]
+    rungs = ["", ", corrected 10-fold", ", as the start of Newton"]
     one = module.predictors({"runs/a": model()})
     assert [(each.name, each.kind) for each in one[:3]] == [
         ("M4GN" + rung, kind) for rung, kind in zip(rungs, ("learned", "hybrid", "hybrid"), strict=True)

@@ -228,7 +228,7 @@ def test_the_first_limit_tells_the_error_of_the_data_and_what_networks_have_besi
         "errors fall with the square of the cells' size). M4GN a: 0.45 mm from the finer solution; in 12 % of the "
         "frames closer to the data than "
         "these to it. M4GN b: 0.5 mm from the finer solution; in 25 % of the frames closer to the data than these to "
-        "it. M4GN b, 1 Newton step: "
+        "it. M4GN b, corrected 10-fold: "
         "0.36 mm from the finer solution; in 75 % of the frames closer to the data than these to it."
     )
     for some in (rows(), rows()[:5]):
@@ -257,11 +257,12 @@ def test_what_newton_steps_make_of_a_network_is_told_by_factor_and_time():
     some = [
         *rows(),
         row("M4GN b, as the start of Newton", "hybrid", 40.0, 1e-9, iterations=2.75),
-        row("other, 1 Newton step", "hybrid", 1.0, 1.0),
+        row("other, corrected 10-fold", "hybrid", 1.0, 1.0),
     ]
     # 0.2 mm / 0.05 mm is 4, 9 ms - 8 ms is 1
     assert module._of_correction(some) == [
-        "M4GN b, 1 Newton step: the error over whole rollouts falls by a factor of 4, for 1 ms a step more; the solver itself takes 32 ms.",
+        "M4GN b, corrected 10-fold: the error over whole rollouts falls by a factor of 4, for 1 ms a step more; "
+        "the solver itself takes 32 ms.",
         "M4GN b, as the start of Newton: 2.75 Newton steps for each step of the loading and 40 ms; from the polynomial "
         "through the last states, "
         "as the solver starts by itself, 4.25 and 32 ms.",
@@ -282,7 +283,7 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
         module, "report_on", lambda predictors, cases, out, **how: given.update(how, p=predictors, cases=cases, out=out) or {"a": 1}
     )
     assert module.evaluate("run", ["f"], str(tmp_path), correct=2, refined=4) == {"a": 1}
-    names = ["M4GN", "M4GN, 2 Newton steps", "nothing moves", "keep the last velocity", "quadratic extrapolation", "FE, cells halved",
+    names = ["M4GN", "M4GN, corrected 100-fold", "nothing moves", "keep the last velocity", "quadratic extrapolation", "FE, cells halved",
              "FE, cells halved twice", "FE, the reference"]
     assert [(each.name, each.kind) for each in given["p"]] == list(
         zip(names, ("learned", "hybrid", *["trivial"] * 3, "fe", "fe", "reference"), strict=True)
@@ -290,7 +291,7 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
     assert (given["cases"], given["out"], given["runs"], given["refined"]) == ([one], tmp_path, {"run": model}, 4)
     model.config.estimate = True
     module.evaluate("run", ["f"], tmp_path)
-    assert [each.name for each in given["p"]] == ["M4GN", "M4GN, its estimate alone", "M4GN, 1 Newton step", *names[2:]]
+    assert [each.name for each in given["p"]] == ["M4GN", "M4GN, its estimate alone", "M4GN, corrected 10-fold", *names[2:]]
     assert given["refined"] == 1
 
 

@@ -59,7 +59,7 @@ def test_it_tells_an_error_bar_that_is_of_the_size_of_its_error(row):
 def test_a_newton_step_starts_from_it_as_from_any_other_run(cases):
     model = load_model(RUN)
     names = [each.name for each in predictors({str(RUN): model})]
-    assert names[:3] == ["beam sections", "beam sections, 1 Newton step", "beam sections, as the start of Newton"]
+    assert names[:3] == ["beam sections", "beam sections, corrected 10-fold", "beam sections, as the start of Newton"]
     alone, better = (predictor(model).predict(cases[0]).path for predictor in (learned, lambda model: corrected(model, 1)))
     truth, free = cases[0].truth, cases[0].free
     off = [np.sqrt(((path - truth)[:, free].astype(np.float64) ** 2).sum(axis=2).mean()) for path in (alone, better)]

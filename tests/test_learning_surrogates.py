@@ -103,7 +103,8 @@ def test_a_mode_is_paid_for_where_the_segments_need_one(world, case, config, mod
     assert len(world.modes) == modes and found.set_up == 20.0 + 3 * modes
 
 
-@pytest.mark.parametrize("count, name", [(1, "M4GN, 1 Newton step"), (3, "M4GN, 3 Newton steps"), (None, "M4GN, as the start of Newton")])
+@pytest.mark.parametrize("count, name", [(1, "M4GN, corrected 10-fold"), (3, "M4GN, corrected 1000-fold"),
+                                         (None, "M4GN, as the start of Newton")])
 def test_a_corrected_rollout(world, case, count, name):
     predictor = corrected(MODEL, count)
     assert (predictor.name, predictor.kind) == (name, "hybrid")

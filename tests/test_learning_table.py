@@ -91,7 +91,7 @@ def test_a_number_is_shown_with_three_digits_zero_as_zero_and_nan_as_a_dash():
 def test_what_no_predictor_has_is_no_column_and_what_one_lacks_is_a_dash():
     columns = told(COLUMNS, rows())
     assert list(columns) == ["ms_per_step", "ms_per_step_alone", "rmse_1", "rmse_all", "iterations"]
-    assert cells(rows()[2], columns) == ["M4GN b, 1 Newton step", "9", "7.88", "–", "0.05", "1"]  # 0.875 x 9 = 7.875
+    assert cells(rows()[2], columns) == ["M4GN b, corrected 10-fold", "9", "7.88", "–", "0.05", "1"]  # 0.875 x 9 = 7.875
     assert cells(rows()[5], columns) == ["FE, the reference", "32", "28", "–", "0", "4.25"]
     assert cells(Row("bare", "fe", {}), columns) == ["bare", *"–––––"]
     assert told(COLUMNS, [Row("bare", "fe", {})]) == {}
@@ -99,7 +99,7 @@ def test_what_no_predictor_has_is_no_column_and_what_one_lacks_is_a_dash():
 
 def test_each_trajectory_has_a_row_of_all_predictors_but_the_reference():
     head, lines = by_case(report(rows=[*rows(), row("without", "fe", 1.0, 1.0)]))
-    assert head == ["test trajectory", "M4GN a", "M4GN b", "M4GN b, 1 Newton step", "nothing moves", "FE, cells halved"]
+    assert head == ["test trajectory", "M4GN a", "M4GN b", "M4GN b, corrected 10-fold", "nothing moves", "FE, cells halved"]
     assert lines == [["0003", "0.2", "0.1", "0.04", "6", "0.5"],
                      ["0007", "0.3", "0.35", "0.05", "7", "0.6"],
                      ["0011", "0.7", "0.15", "0.06", "8", "0.7"]]

@@ -66,7 +66,8 @@ def _of_beams(model: Slender, name: str, single_steps: bool) -> Predictor:
 
 
 def corrected(model: Model | Slender, count: int | None, name: str = "M4GN") -> Predictor:
-    """Each predicted frame followed by `count` Newton steps, from which the rollout goes on; None: to the solver's tolerance."""
+    """Each predicted frame followed by Newton steps for `count` orders of magnitude of its error, or to the solver's tolerance (None);
+    the rollout goes on from there."""
 
     def predict(case: Case) -> Prediction:
         modes = _modes_seconds(model, case)
@@ -76,7 +77,7 @@ def corrected(model: Model | Slender, count: int | None, name: str = "M4GN") -> 
         return Prediction(path=predicted.displacement[:, case.trajectory.body], seconds=seconds, set_up=modes + set_up,
                           iterations=corrector.iterations)
 
-    how = "as the start of Newton" if count is None else f"{count} Newton step{'s' if count > 1 else ''}"
+    how = "as the start of Newton" if count is None else f"corrected {10**count}-fold"
     return Predictor(f"{name}, {how}", "hybrid", predict)
 
 

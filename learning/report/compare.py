@@ -1,6 +1,6 @@
 """Everything that predicts a path, on the same scenes, one core each: speed against error.
 
-Learned simulators alone, corrected by one Newton step and as the start of the full Newton iteration; predictors that know
+Learned simulators alone, corrected tenfold by Newton steps and as the start of the full Newton iteration; predictors that know
 nothing; finite elements made cheaper in every way at hand; a reduced-order model; and the solver that made the data.
 """
 

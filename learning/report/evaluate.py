@@ -52,7 +52,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         run: folder of a training
         files: test trajectories, each with its scene in it
         out: report folder
-        correct: Newton steps after each frame of the corrected rollout
+        correct: orders of magnitude by which Newton steps correct each frame of a rollout
         refined: how many of the test scenes are solved on finer cells as well
         predictions, functions: what users bring along, see `own_predictors`
         say: takes a line of what comes out
