@@ -61,8 +61,8 @@ def read_reference(path: str | Path) -> tuple[Trajectory, Scene | None, Mesh]:
     return trajectory, as_solved(scene, trajectory, len(trajectory.displacement) - 1), mesh
 
 
-def read_prediction(path: str | Path, truth: Trajectory, reference: str | Path) -> NDArray[np.float64]:
-    """(T, N, 3) the displacements of the body in a prediction's file, which stand for those of a truth.
+def read_prediction(path: str | Path, truth: Trajectory, reference: str | Path) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    """(T, N, 3) the displacements of the body in a prediction's file, which stand for those of a truth, and the file's `extra`.
 
     Raises:
         InputError: it is damaged, not finite, of another mesh or number of frames, in millimetres, or holds positions
@@ -76,7 +76,7 @@ def read_prediction(path: str | Path, truth: Trajectory, reference: str | Path) 
     u = made.displacement[:, truth.body].astype(np.float64)
     if doubt := mistaken(u, truth.displacement[:, truth.body], truth.points[truth.body]):
         raise InputError(f"{path}: {doubt}")
-    return u
+    return u, made.extra
 
 
 def mistaken(u: NDArray[Any], truth: NDArray[Any], points: NDArray[Any]) -> str:
@@ -114,7 +114,7 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
     several, each, still, worst = Path(prediction).is_dir(), {}, [], None
     for name, file, truth_file in pairs:
         truth, scene, mesh = read_reference(truth_file)
-        u, body = read_prediction(file, truth, truth_file), truth.body
+        (u, _), body = read_prediction(file, truth, truth_file), truth.body
         v, free = truth.displacement[:, body], truth.free[body]
         found = as_table(verify(u, v, scene=scene, mesh=mesh, free=free))
         still.append(as_table(verify(np.where(free[:, None], 0, v), v, scene=scene, mesh=mesh, free=free)))

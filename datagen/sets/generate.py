@@ -70,16 +70,16 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     first = np.flatnonzero(np.array(modes.frequencies_hz) <= CLUSTER * modes.frequencies_hz[0])
     nodes, frames = len(mesh.points), len(solution.displacement)
     kind = np.where(fixed.all(axis=1), HANDLE, NORMAL)  # what is held in part moves by itself in the rest
-    points, triangles, moved = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3))
+    points, triangles, moved, way = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3)), {}
     if scene.obstacle is not None:
         rigid, size = Rigid(scene.obstacle), cell_size(mesh)
         around, triangles = rigid.surface_mesh(mesh.points, size=size)
-        moved = np.repeat((centres(scene, frames) - rigid.path[0])[:, None], len(around), axis=1)
+        way = {"obstacle": centres(scene, frames)}
+        moved = np.repeat((way["obstacle"] - rigid.path[0])[:, None], len(around), axis=1)
         points = np.concatenate([mesh.points, around])
     from_file = scene.body.shape == "file"
     corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
     shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
-    way = {} if scene.obstacle is None else {"obstacle": centres(scene, frames)}
     moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
     extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "seconds": solution.seconds,
              "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure}

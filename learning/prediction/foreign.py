@@ -22,7 +22,6 @@ import numpy as np
 
 from datagen.files.inputs import Inputs, inputs_of
 from datagen.files.prediction import find_prediction, mistaken, read_prediction
-from datagen.files.trajectory import read_trajectory
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from physics.schema import InputError
 
@@ -56,12 +55,11 @@ def from_folder(words: Sequence[str], cases: Sequence[Case]) -> tuple[Predictor,
     said, known = "given, not measured here", {}
     for case in cases:
         file = find_prediction(folder, Path(case.file or f"{case.name}.vtkhdf"))
-        extra = read_trajectory(file).extra
+        path, extra = read_prediction(file, case.trajectory, case.name)
         took = seconds if seconds is not None else extra.get("seconds_per_step")
         if seconds is None:
             said = "as its files tell, not measured here" if isinstance(took, int | float) else "not known"
-        known[case.name] = Prediction(path=read_prediction(file, case.trajectory, case.name),
-                                      seconds=case.steps * float(took) if isinstance(took, int | float) else np.nan)
+        known[case.name] = Prediction(path=path, seconds=case.steps * float(took) if isinstance(took, int | float) else np.nan)
     return Predictor(name, "foreign", lambda case: known[case.name]), f"read from {folder}; time {said}"
 
 
