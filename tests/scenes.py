@@ -25,6 +25,12 @@ def pressed(**changes):
     return beam(**({"obstacle": obstacle} | changes))
 
 
+def bent(**changes):
+    """A beam of few hexahedra, clamped, bent by a traction at its end of 0.8 N in four steps."""
+    body = {"length": 0.06, "width": 0.02, "height": 0.02, "cells": [3, 2, 2], "cell": "hexahedron"}
+    return beam(**({"body": body, "load": [{"where": "x-max", "traction": [0.0, 0.0, -2e3]}], "steps": {"count": 4}} | changes))
+
+
 def arch():
     """A shallow arch of eight cells under a load that it cannot bear: its scene, its mesh, and how far each node was raised (N,) [m]."""
     scene = beam(body={"length": 0.1, "width": 0.005, "height": 0.003, "cells": [8, 1, 2], "cell": "hexahedron"},
