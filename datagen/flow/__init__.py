@@ -1,0 +1,5 @@
+"""Flows in place of solids.
+
+    trajectory   the file of one
+    verb         what simulate does with one
+"""
