@@ -26,7 +26,8 @@ def test_a_channel_knows_its_own_force():
 
 
 def test_a_scene_comes_back_from_its_toml():
-    scene = flow(inflow=[{"speed": 1.5, "profile": "table", "along": [0.0, 0.5, 1.0], "share": [0.0, 1.0, 0.2], "steps": [0, 1], "factor": [0, 2]}],
+    scene = flow(inflow=[{"speed": 1.5, "profile": "table", "along": [0.0, 0.5, 1.0], "share": [0.0, 1.0, 0.2], "steps": [0, 1],
+                          "factor": [0, 2]}],
                  wall=[{"where": "walls", "velocity": [0.5, 0.0]}])
     assert scene_of(scene.to_toml()) == scene
 
