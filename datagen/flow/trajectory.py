@@ -47,8 +47,8 @@ def facts(scene: FlowScene, solution: FlowSolution) -> dict[str, object]:
         "inflow": [to_table(inflow) for inflow in scene.inflow]}
     if body.shape == "channel" and body.hole_centre and body.hole_radius:
         found |= {"centre_m": list(body.hole_centre), "radius_m": body.hole_radius}
-    if force is not None and force.length and force.speed:
-        found |= {"reynolds_number": force.speed * force.length * scene.fluid.density / scene.fluid.viscosity,
+    if force is not None and scene.reynolds_number is not None:
+        found |= {"reynolds_number": scene.reynolds_number,
                   "reynolds_number_is": "density x mean speed of the inflow's profile x diameter / viscosity" if body.shape == "channel"
                   else "density x force.speed x force.length / viscosity",
                   "coefficient_is": "force / (density speed^2 length / 2)", "force_of_coefficient_1_N_m": solution.scale}

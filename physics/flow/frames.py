@@ -74,11 +74,11 @@ def count(stepper: Stepper, span: float) -> int:
     if m.before is None or m.earlier is None:
         return max(FIRST, rounded(1.3 * limit(stepper) * span))
     last = span / m.size  # steps of the last size
-    wanted = max(limit(stepper) * span, last * turn(m) / TURN, last / 2)
+    wanted = max(limit(stepper) * span, last * min(turn(m) / TURN, 2.0), last / 2)
     steps = rounded(wanted)
-    # A new size costs a factor, so only one that is well below is worth it.
+    # A new size may cost a factor, so only one that is well below is worth it.
     kept = round(last)
-    return kept if steps <= kept <= 1.15 * steps + 1 and abs(kept - last) < 1e-6 * last else steps
+    return kept if steps <= kept <= 1.06 * steps + 1 and abs(kept - last) < 1e-6 * last else steps
 
 
 def turn(m: Memory) -> float:

@@ -181,9 +181,8 @@ def _model(scene: FlowScene, space: FlowSpace, rows: dict[str, Floats]) -> dict[
         sizes = rows["step_size"][1:]
         said["time"] = (f"backward differences of order 2, explicit convection, pressure correction: {int(rows['iterations'].sum())} steps "
                         f"of {sizes.min():.3g} to {sizes.max():.3g} s, as stability and error allow")
-    force, kinematic = scene.force, scene.fluid.viscosity / scene.fluid.density
-    if force is not None and force.length and force.speed:
-        number = force.speed * force.length / kinematic
+    force, kinematic, number = scene.force, scene.fluid.viscosity / scene.fluid.density, scene.reynolds_number
+    if force is not None and number is not None:
         said["Reynolds number"] = f"{number:.4g} = speed {force.speed:.4g} m/s x length {force.length:.4g} m / {kinematic:.4g} m2/s"
         fair = "fair below about 190, where a cylinder's wake becomes three-dimensional" if number <= 190 else (
             "not fair: past about 190 a cylinder's wake is three-dimensional, and its forces are smaller than in the plane")

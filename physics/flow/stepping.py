@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 OUTLET = {2: 24.0, 3: 64.0}  # of the penalty at an outflow, by order: twice the smallest that is stable
 EXACT = 1e-10  # of the divergence at the start that conjugate gradients leave
 MOST = 200  # iterations of conjugate gradients
-KEPT = 6  # factors of different steps
+KEPT = 12  # factors of different steps
 
 
 @dataclass(frozen=True)

@@ -144,6 +144,14 @@ class FlowScene:
         """Of the velocity: 3 in a shape, 2 on a mesh from a file, unless the scene says otherwise."""
         return self.fluid.order or (2 if self.body.shape == "file" else 3)
 
+    @property
+    def reynolds_number(self) -> float | None:
+        """Density x the force's speed x its length / viscosity: of a channel the inflow's mean speed and the hole's diameter."""
+        force = self.force
+        if force is None or force.length is None or force.speed is None:
+            return None
+        return self.fluid.density * force.speed * force.length / self.fluid.viscosity
+
     def to_toml(self) -> str:
         """The scene as a TOML file that `load_scene` reads back unchanged."""
         table = to_table(self)
