@@ -1,8 +1,9 @@
 """The flow solver against known values, and how fast it is: the tables in docs/flow.md.
 
     .venv/bin/python -m benchmarks.flow --verify    known values and orders, some four minutes of processor time
-    .venv/bin/python -m benchmarks.flow             what a frame of 0.01 s costs, and what its parts do
+    .venv/bin/python -m benchmarks.flow             what a frame of 0.01 s costs
     .venv/bin/python -m benchmarks.flow --ngsolve PYTHON   the same flow by NGSolve, whose interpreter that is, in the same run
+    .venv/bin/python -m benchmarks.flow --parts     what a step is made of, beside the bytes of its factors
     .venv/bin/python -m benchmarks.flow --growth    with the number of nodes
     .venv/bin/python -m benchmarks.flow --hard      the hard cases
     .venv/bin/python -m benchmarks.flow --courant   the largest stable step
@@ -209,7 +210,6 @@ def speed(python: str | None) -> None:
                        "c_D, largest": f"{said['drag'] / 2.950921575 - 1:+.2%}",
                        "c_L, largest": f"{said['lift'] / 0.47795 - 1:+.2%}"})
             footing.say(f"NGSolve {program}: {said['ms'] / ours['ms a frame']:.1f} times the time of ours")
-    parts()
 
 
 def row_of(name: str, found: FlowSolution, seconds: float) -> dict[str, Any]:
@@ -299,11 +299,11 @@ def hard() -> None:
 
 def main() -> None:
     parser = footing.parser(__doc__)
-    for flag in ("--verify", "--growth", "--hard", "--courant"):
+    for flag in ("--verify", "--parts", "--growth", "--hard", "--courant"):
         parser.add_argument(flag, action="store_true")
     parser.add_argument("--ngsolve", metavar="PYTHON")
     options = parser.parse_args()
-    for name, run in (("verify", verify), ("growth", growth), ("hard", hard), ("courant", courant)):
+    for name, run in (("verify", verify), ("parts", parts), ("growth", growth), ("hard", hard), ("courant", courant)):
         if getattr(options, name):
             run()
             return

@@ -149,7 +149,8 @@ def test_simulate_writes_the_file_of_a_flow(tmp_path, capsys):
     said = json.loads(capsys.readouterr().out)
     trajectory = read_trajectory(out)
     assert problems(trajectory) == []
-    assert set(trajectory.per_frame) == {"drag", "lift", "pressure_difference", "kinetic_energy", "divergence", "step_size", "iterations"}
+    assert set(trajectory.per_frame) == {"drag", "lift", "pressure_difference", "kinetic_energy", "divergence", "step_size", "iterations",
+                                         "unresolved"}
     assert trajectory.fields["velocity"].shape == (3, said["nodes"], 3)
     assert trajectory.fields["pressure"].shape == (3, said["nodes"], 1)
     assert set(trajectory.node_kind) == {0, INFLOW, OUTFLOW, WALL}

@@ -117,6 +117,18 @@ def test_blocks_are_the_matrices_of_the_forms(order):
     assert np.einsum("cij,cj->", space.mass_of_pressure(), p(y)[space.pressure.cells]) == pytest.approx(0.5, rel=1e-12)
 
 
+@pytest.mark.parametrize("order", (2, 3))
+def test_the_finest_part_is_what_the_highest_order_adds(order):
+    """Nothing of a polynomial of one order less; of x^k on one pair of cells what its interpolant leaves, by quadrature of its own."""
+    space = FlowSpace(rectangle(1), order)
+    x = space.velocity.points[:, 0]
+    lower, highest = (np.stack([x**power, 0 * x], axis=1) for power in (order - 1, order))
+    assert space.finest(lower) < 1e-12
+    knots = np.linspace(0, 1, order)
+    left = integral(lambda z: ((z[:, 0] ** order - np.polyval(np.polyfit(knots, knots**order, order - 1), z[:, 0])) ** 2))
+    assert space.finest(highest) == pytest.approx(np.sqrt(left * (2 * order + 1)), rel=1e-9)
+
+
 def test_the_rate_is_how_often_fluid_crosses_a_cell():
     """Fluid of 3 m/s along x through squares of 0.25 m cut in two."""
     space = FlowSpace(rectangle(4), 2)

@@ -47,7 +47,7 @@ def simulate_flow(scene: FlowScene, options: argparse.Namespace, *, say: Callabl
         "frames": frames, "ms_per_frame": 1e3 * solution.seconds / frames, "steps": int(solution.per_frame["iterations"].sum()),
         "factorisations": solution.factorisations, "seconds": solution.seconds, "resumed_after_frame": solution.resumed,
         "nodes": len(solution.mesh.points), "per_frame": {name: values.tolist() for name, values in solution.per_frame.items()},
-        "model": solution.model, "remarks": list(solution.mesh.remarks)}
+        "model": solution.model, "remarks": list(solution.remarks)}
     if drag is not None and lift is not None:
         result |= {"drag_coefficient": float(drag[-1]), "lift_coefficient": float(lift[-1]),
                    "largest_drag_coefficient": float(drag.max()), "largest_lift_coefficient": float(lift.max())}

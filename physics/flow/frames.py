@@ -111,11 +111,11 @@ def rate_of_change(m: Memory) -> Floats:
 
 
 def figures(stepper: Stepper, forces: Forces | None, density: float, steps: int) -> dict[str, Floats]:
-    """What is said of a frame: drag and lift [N/m], pressure_difference [Pa], kinetic_energy [J/m], divergence [1/s], step_size [s] and
-    iterations, the steps since the frame before."""
+    """What is said of a frame: drag and lift [N/m], pressure_difference [Pa], kinetic_energy [J/m], divergence [1/s], step_size [s],
+    iterations, the steps since the frame before, and unresolved, the share of the velocity that only its highest order holds."""
     m = stepper.memory
     said = {"kinetic_energy": density * stepper.energy(), "divergence": stepper.divergence(), "step_size": m.size,
-            "iterations": float(steps)}
+            "iterations": float(steps), "unresolved": stepper.space.finest(m.u)}
     if forces is not None:
         drag, lift = forces.force(m.u, m.p, rate_of_change(m)) if m.steps else (0.0, 0.0)
         said |= {"drag": float(drag), "lift": float(lift)}

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.linalg.dissection import Dissection, blas, laid_out
-from physics.linalg.native import compiled, pointer
+from physics.linalg.native import aligned, compiled, pointer
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -51,8 +51,8 @@ class Numbering:
         self._slot = np.where((rows >= columns) & (columns >= 0), _slots(d, rows, columns), d.numbers).ravel()
         self._library = compiled(SOURCE)
         self._library.factor.restype = ctypes.c_int64
-        self._most = int((d.part["own"] + d.part["rest"]).max(initial=1))
-        self._scratch, self._x = np.empty(2 * self._most), np.empty(2 * len(self.order))
+        self._most = -(-int((d.part["own"] + d.part["rest"]).max(initial=1)) // 8) * 8
+        self._scratch, self._x = aligned(2 * self._most), aligned(2 * len(self.order))
         self._tree = (ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.boundary))
         self._where = (ctypes.c_int64(len(self.order)), pointer(self.order))
         self._work = (pointer(self._x), pointer(self._scratch), ctypes.c_int64(self._most))
@@ -60,8 +60,8 @@ class Numbering:
     def factor(self, blocks: Floats) -> Factor:
         """The factor of the sum of symmetric blocks (C, n, n). Raises `NotPositive`."""
         d = self._dissection
-        values: Floats = np.bincount(self._slot, blocks.ravel(), d.numbers + 1).astype(np.float64, copy=False)
-        work = np.empty(d.memory)
+        values, work = aligned(d.numbers + 1), aligned(d.memory)
+        values[:] = np.bincount(self._slot, blocks.ravel(), d.numbers + 1)
         failed = self._library.factor(
             ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.children), pointer(d.at), pointer(values), pointer(work),
             blas("dpotrf"), blas("dtrsm"), blas("dsyrk"))

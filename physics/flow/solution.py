@@ -31,6 +31,7 @@ from physics.schema import WorkError
 
 Floats = NDArray[np.float64]
 
+RESOLVED = {2: 0.06, 3: 0.03}  # the largest share of the velocity that its highest order may hold, by order
 TURNS = 5.0  # blocks of steps in the time in which the inflow passes the length that a force is of
 
 
@@ -45,6 +46,7 @@ class FlowSolution:
     node_place: NDArray[np.int8]  # (S,) FLUID, INLET, OUTLET or WALL
     scale: float | None  # [N/m] of the coefficients; None where the scene has none
     model: dict[str, str]
+    remarks: tuple[str, ...]  # what should be looked at
     seconds: float
     set_up: float  # [s] of the processor, before the first step
     factorisations: int = 0
@@ -118,8 +120,8 @@ def solve_flow(scene: FlowScene, *, mesh: Mesh | None = None, on_step: Callable[
     found = FlowSolution(
         mesh=where.mesh, velocity=rows.pop("velocity"), pressure=rows.pop("pressure"), per_frame=rows, set_up=set_up,
         node_place=_places(where, space, conditions, scene), scale=None if forces is None else forces.scale,
-        model=_model(scene, space, rows), seconds=spent + time.perf_counter() - started, factorisations=stepper.factorisations,
-        resumed=resumed, failure=failure)
+        model=_model(scene, space, rows), remarks=_remarks(scene, space, rows), factorisations=stepper.factorisations,
+        seconds=spent + time.perf_counter() - started, resumed=resumed, failure=failure)
     if failure and not partial:
         raise WorkError(failure)
     return found
@@ -169,6 +171,15 @@ def _places(where: Stored, space: FlowSpace, conditions: Conditions, scene: Flow
     return found
 
 
+def _remarks(scene: FlowScene, space: FlowSpace, rows: dict[str, Floats]) -> tuple[str, ...]:
+    """What a reader should not miss."""
+    share = float(rows["unresolved"][len(rows["unresolved"]) // 2:].max())
+    if share <= RESOLVED[scene.order]:
+        return space.mesh.remarks
+    return (*space.mesh.remarks, f"the cells are too large for this flow: {share:.1%} of the velocity is in functions of order "
+            f"{scene.order} alone, {RESOLVED[scene.order]:.0%} at most are fair; forces may be off by some per cent and more")
+
+
 def _model(scene: FlowScene, space: FlowSpace, rows: dict[str, Floats]) -> dict[str, str]:
     """What was computed, what was left out, and when that is fair."""
     order, nodes = scene.order, len(space.velocity.points)
@@ -187,5 +198,8 @@ def _model(scene: FlowScene, space: FlowSpace, rows: dict[str, Floats]) -> dict[
         fair = "fair below about 190, where a cylinder's wake becomes three-dimensional" if number <= 190 else (
             "not fair: past about 190 a cylinder's wake is three-dimensional, and its forces are smaller than in the plane")
         said["two dimensions"] = f"{fair} (Williamson 1996)"
+    share, most = float(rows["unresolved"][len(rows["unresolved"]) // 2:].max()), RESOLVED[order]
+    said["resolution"] = (f"{share:.2%} of the velocity is in functions of order {order} alone, at most, past the start: "
+                          + (f"fair up to {most:.0%}" if share <= most else f"not fair: past {most:.0%} the cells are too large"))
     said["fluid"] = "Newtonian and incompressible: fair below a tenth of the speed of sound; no turbulence model"
     return said

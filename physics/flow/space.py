@@ -24,7 +24,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from physics import fem
-from physics.linalg.native import compiled, pointer
+from physics.linalg.native import aligned, compiled, pointer
 from physics.mesh.mesh import Mesh
 
 Floats = NDArray[np.float64]
@@ -57,7 +57,7 @@ class Nodes:
         start, inside = vertices + self.inner.size, (order - 1) * (order - 2) // 2
         columns.append(start + np.arange(len(cells) * inside).reshape(len(cells), inside))
         self.cells = np.ascontiguousarray(np.concatenate(columns, axis=1), np.int32)
-        self.points = np.empty((start + len(cells) * inside, 2))
+        self.points = np.zeros((start + len(cells) * inside, 2))
         self.points[self.cells] = np.einsum("qg,cgd->cqd", table(2, fem.triangle(order, 1)[0].points)[0], geometry)
 
     def along_edges(self, mesh: Mesh, edges: Integers) -> Integers:
@@ -116,6 +116,20 @@ class FlowSpace:
         x, y = np.moveaxis(u[self.velocity.cells], -1, 0)
         r, s = (a * x + c * y) / w, (b * x + d * y) / w
         return float(np.maximum(np.maximum(abs(r), abs(s)), abs(r + s)).max())
+
+    def finest(self, u: Floats) -> float:
+        """How much of a velocity only the functions of the highest order hold: |u - its interpolant of one order less| over |u|, in L2."""
+        sizes, cells = self.metric[..., 0].sum(axis=0), u[self.velocity.cells].transpose(0, 2, 1)  # (C,), (C, 2, n)
+        parts = [float((((cells @ form) ** 2).sum(axis=(1, 2)) * sizes).sum()) for form in self._finest]
+        return float(np.sqrt(parts[0] / parts[1])) if parts[1] > 0 else 0.0
+
+    @cached_property
+    def _finest(self) -> tuple[Floats, Floats]:
+        """(n, P) what the highest order adds, and the whole, at points of the reference triangle, times the root of their weights."""
+        _, points, weights = fem.triangle(self.order, 2 * self.order)
+        whole, lower = table(self.order, points)[0], table(self.order - 1, points)[0]
+        added = whole - lower @ table(self.order, fem.triangle(self.order - 1, 1)[0].points)[0]
+        return added.T * np.sqrt(2 * weights), whole.T * np.sqrt(2 * weights)
 
     # Matrices, cell by cell.
 
@@ -182,12 +196,10 @@ def table(order: int, points: Floats) -> tuple[Floats, Floats]:
 
 
 def packed(metric: Floats) -> Floats:
-    """(packs, P, 5, 4) four cells side by side, on an address that is a multiple of 32."""
+    """(packs, P, 5, 4) four cells side by side, on an address that is a multiple of 64."""
     points, cells, size = metric.shape
     values = np.pad(metric, ((0, 0), (0, -cells % 4), (0, 0)), mode="edge").reshape(points, -1, 4, size).transpose(1, 0, 3, 2)
-    room = np.empty(values.size + 4)
-    start = -room.ctypes.data // 8 % 4
-    found = room[start:start + values.size].reshape(values.shape)
+    found = aligned(values.size).reshape(values.shape)
     found[:] = values
     return found
 

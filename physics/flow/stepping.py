@@ -83,7 +83,8 @@ class Stepper:
         self._laplacian = Numbering(centres, pressures.cells, pinned).factor(laplacian)
         self.pressure_mass = Numbering(centres, pressures.cells, np.zeros(len(pinned), bool)).factor(space.mass_of_pressure())
         self._weights = np.bincount(pressures.cells.ravel(), space.mass_of_pressure().sum(axis=2).ravel(), len(pinned))
-        self._to_fixed = [_columns(space.matrix(blocks), conditions.fixed, held) for blocks in (space.mass, space.viscosity)]
+        self._mass = space.matrix(space.mass)
+        self._to_fixed = [_columns(matrix, conditions.fixed, held) for matrix in (self._mass, space.matrix(space.viscosity))]
         self._factors: dict[float, Factor] = {}
         self._lifted: tuple[float, Floats, Floats] | None = None
 
@@ -94,7 +95,7 @@ class Stepper:
 
     def advance(self, until: float, steps: int) -> None:
         """Equal steps to a time [s]."""
-        size = (until - self.memory.time) / steps
+        size = float(f"{(until - self.memory.time) / steps:.9g}")  # without the rounding of times: the same size has the same factor
         self._resize(size)
         for left in range(steps - 1, -1, -1):
             self._step(until - left * size, size)
@@ -143,9 +144,6 @@ class Stepper:
     def factor(self, a0: float) -> Factor:
         """Of a0 times the mass and the viscosity."""
         if a0 not in self._factors:
-            near = next((key for key in self._factors if abs(key - a0) < 1e-9 * a0), None)
-            if near is not None:
-                return self._factors[near]
             if len(self._factors) >= KEPT:
                 del self._factors[next(iter(self._factors))]
             self._factors[a0] = self._numbering.factor(a0 * self.space.mass + self.viscosity * self.space.viscosity)
@@ -188,8 +186,7 @@ class Stepper:
 
     def energy(self) -> float:
         """[m4/s2] half the integral of the velocity squared."""
-        u = self.memory.u[self.space.velocity.cells]
-        return float(np.einsum("cid,cij,cjd->", u, self.space.mass, u, optimize=True)) / 2
+        return float((self.memory.u * (self._mass @ self.memory.u)).sum()) / 2
 
 
 def _columns(matrix: scipy.sparse.csr_matrix, fixed: NDArray[np.int64], held: NDArray[np.bool_]) -> scipy.sparse.csr_matrix:
