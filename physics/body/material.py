@@ -79,13 +79,15 @@ def stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
 
     Args: lambda and mu (Q,), of which it has the unit
     """
-    F, strain = H + np.eye(3), (H + H.swapaxes(1, 2)) / 2
+    F = H + np.eye(3)
     if law.invariants == "stretch":
-        cofactor = np.stack([np.cross(F[:, i - 2], F[:, i - 1]) for i in range(3)], axis=1)  # J F^-T
-        a, b = (F * F).sum(axis=(1, 2)), (F[:, 0] * cofactor[:, 0]).sum(axis=1)
+        one, other = np.roll(F, -1, axis=1), np.roll(F, 1, axis=1)
+        cofactor = np.roll(one, -1, axis=2) * np.roll(other, 1, axis=2) - np.roll(one, 1, axis=2) * np.roll(other, -1, axis=2)  # J F^-T
+        a, b = np.einsum("qij,qij->q", F, F), np.einsum("qi,qi->q", F[:, 0], cofactor[:, 0])
         b[b <= 0] = np.nan
         slopes = 2 * F, cofactor
     else:
+        strain = (H + H.swapaxes(1, 2)) / 2
         small = law.invariants == "small strain"
         strain = strain if small else strain + H.swapaxes(1, 2) @ H / 2
         a, b = np.trace(strain, axis1=1, axis2=2), (strain * strain).sum(axis=(1, 2))

@@ -58,7 +58,7 @@ class Elastic:
         self._free = np.flatnonzero(~self.held)
         self._factor = splu(self.stiffness[self._free][:, self._free].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                             options={"SymmetricMode": True})
-        self._known, self._columns = np.zeros(0, np.int64), np.zeros((self.size, 0))  # nodes, and their columns of K^-1
+        self._known, self._columns = np.zeros(0, np.int64), np.zeros((0, self.size))  # nodes, and their columns of K^-1, as rows
 
     def _assemble(self, cells: NDArray[np.int64], gradient: Floats) -> sparse.csc_matrix:
         count, points, n, _ = gradient.shape
@@ -103,17 +103,17 @@ class Elastic:
         """f(u) (M,) of displacements (M,), by the body's own law; not finite where a cell is inside out."""
         return self.force(stress(self._law, self.gradient(u), *self.lame))
 
-    def compliance(self, rows: NDArray[np.int64], nodes: NDArray[np.int64]) -> Floats:
-        """Some rows of K^-1, three columns for each of some nodes; columns once solved for are kept."""
+    def columns(self, nodes: NDArray[np.int64]) -> Floats:
+        """Columns of K^-1, three for each of n nodes, as rows (3 n, M); what was once solved for is kept."""
         new = np.setdiff1d(nodes, self._known)
         if len(new):
             forces = np.zeros((self.size, 3 * len(new)))
             forces[components(new), np.arange(3 * len(new))] = 1.0
             forces[self.held] = 0.0
             self._known = np.concatenate([self._known, new])
-            self._columns = np.concatenate([self._columns, self.solve(forces)], axis=1)
+            self._columns = np.concatenate([self._columns, self.solve(forces).T])
         order = np.argsort(self._known)
-        found: Floats = self._columns[np.ix_(rows, components(order[np.searchsorted(self._known, nodes, sorter=order)]))]
+        found: Floats = self._columns[components(order[np.searchsorted(self._known, nodes, sorter=order)])]
         return found
 
     def answer(self, u: Floats, force: Floats) -> Floats:

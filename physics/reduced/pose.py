@@ -107,7 +107,8 @@ class Press:
             w, n = weights[near], normal[near]
             held = np.flatnonzero(w.any(axis=0))  # nodes behind the near points
             pushable = components(nodes[held])
-            answers = self.elastic.compliance(component, nodes[held]) - zone_space @ space[pushable].T  # (3 k, 3 h)
+            columns = self.elastic.columns(nodes[held])  # (3 h, M)
+            answers = columns[:, component].T - zone_space @ space[pushable].T  # (3 k, 3 h)
             along = (w[:, :, None] * n[:, None, :]).reshape(len(near), -1)  # (a, 3 k) gap by displacement
             pushed = (w[:, held, None] * (n @ turn)[:, None, :]).reshape(len(near), -1)  # (a, 3 h)
             in_space = along @ zone_space  # (a, r)
@@ -136,10 +137,10 @@ class Press:
         else:
             if change > LOOSE * self.size:
                 return None
-        whole, push, turned_push = np.zeros_like(state.pressure), np.zeros(len(space)), np.zeros(len(space))
-        whole[zone], push[component], turned_push[pushable] = pressure, along.T @ p, force
-        push[self.elastic.held] = turned_push[self.elastic.held] = 0.0
-        local = self.elastic.solve(turned_push) - space @ (space.T @ turned_push)
+        whole, push = np.zeros_like(state.pressure), np.zeros(len(space))
+        whole[zone], push[component] = pressure, along.T @ p
+        push[self.elastic.held] = 0.0
+        local = force @ columns - space @ (force @ space[pushable])
         return Pressed(centre, q, local.reshape(-1, 3) @ turn.T, whole, push)
 
 

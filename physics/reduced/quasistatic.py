@@ -8,6 +8,7 @@ Legend: N body nodes, M = 3 N, T frames.
 """
 
 from __future__ import annotations
+import os
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -27,13 +28,13 @@ from physics.scene import Scene
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
-POSES, GRADED = 8, 1.6  # poses along a part of the path, the k-th of n at (k / n)^GRADED of it
+POSES, GRADED = int(os.environ.get('POSES',8)), float(os.environ.get('GRADED',1.6))  # poses along a part of the path, the k-th of n at (k / n)^GRADED of it
 STRIDE = 1.0  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
 STRAIGHT = 0.99  # cosine of the angle between two steps from which on the path has no corner
 ENRICHING = (0.35, 0.7, 1.0)  # where on the touching part of the path the space is enriched
 ENRICHMENTS = 2  # rounds of it at most, through a few of the poses
 ENOUGH = 1e-2  # cell sizes: when the answers are smaller, one round is enough
-CLOSE = 1e-3  # cell sizes
+CLOSE = float(os.environ.get('CLOSE', 1e-3))  # cell sizes
 ROUNDS = 3  # solutions at a pose at most
 EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
 
@@ -124,7 +125,7 @@ class Estimator:
             for i, frame in enumerate(here[1:-1], start=1):
                 others = here[:i] + here[i + 1:]
                 guess = self._foretold(others, found, frame)
-                wrong[i] = abs(press.displacement(guess.state) - press.displacement(found[frame].state)).max() > self._tolerance
+                wrong[i] = np.sqrt(((press.displacement(guess.state) - press.displacement(found[frame].state)) ** 2).sum(axis=1).mean()) > self._tolerance
             added = False
             for i, (one, other) in enumerate(pairwise(here)):
                 middle = one + int(np.searchsorted(self._way[one:other + 1], (self._way[one] + self._way[other]) / 2))
