@@ -27,6 +27,7 @@ from physics.schema import Bound
 Floats = NDArray[np.float64]
 Expression = Any  # of UFL, which has no useful types, or an array
 STEP = 1e-30  # along the imaginary axis: its square is nothing beside 1
+AT_ONCE = 1024  # points, so that what is between stays in the cache
 
 
 @dataclass(frozen=True)
@@ -79,10 +80,18 @@ def stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
 
     Args: lambda and mu (Q,), of which it has the unit
     """
+    found = np.empty_like(H)
+    for part in (slice(start, start + AT_ONCE) for start in range(0, len(H), AT_ONCE)):
+        found[part] = _stress(law, H[part], lmbda[part], mu[part])
+    return found
+
+
+def _stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
     F = H + np.eye(3)
     if law.invariants == "stretch":
-        one, other = np.roll(F, -1, axis=1), np.roll(F, 1, axis=1)
-        cofactor = np.roll(one, -1, axis=2) * np.roll(other, 1, axis=2) - np.roll(one, 1, axis=2) * np.roll(other, -1, axis=2)  # J F^-T
+        cofactor = np.empty_like(F)  # J F^-T
+        for i, j in np.ndindex(3, 3):
+            cofactor[:, i, j] = F[:, i - 2, j - 2] * F[:, i - 1, j - 1] - F[:, i - 2, j - 1] * F[:, i - 1, j - 2]
         a, b = np.einsum("qij,qij->q", F, F), np.einsum("qi,qi->q", F[:, 0], cofactor[:, 0])
         b[b <= 0] = np.nan
         slopes = 2 * F, cofactor
@@ -94,8 +103,7 @@ def stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
         slopes = (np.eye(3), 2 * strain) if small else (F, 2 * F @ strain)
     by_a = law.energy(a + 1j * STEP, b, lmbda, mu, np.log).imag / STEP
     by_b = law.energy(a, b + 1j * STEP, lmbda, mu, np.log).imag / STEP
-    found: Floats = by_a[:, None, None] * slopes[0] + by_b[:, None, None] * slopes[1]
-    return found
+    return np.asarray(by_a[:, None, None] * slopes[0] + by_b[:, None, None] * slopes[1])
 
 
 def orthotropic_stiffness(material: Orthotropic, plane: str | None = None) -> tuple[Floats, tuple[float, ...]]:

@@ -47,8 +47,8 @@ class Elastic:
         gradient, weight = chosen.gradients.swapaxes(0, 1), chosen.volumes.T  # (C, g, n, 3), (C, g)
         self.weights, self.per_cell = weight.ravel(), weight.shape[1]
         self.lame = np.tile((chosen.parts * lame(replace(material, young_modulus=1.0))).T, cells)
-        columns = np.broadcast_to(mesh.cells[:, None, None, :], (cells, self.per_cell, 3, n)).ravel()
-        entries = np.ascontiguousarray(gradient.transpose(0, 1, 3, 2)).ravel()
+        columns = np.broadcast_to(mesh.cells[:, None, :], (3, cells, self.per_cell, n)).ravel()
+        entries = gradient.transpose(3, 0, 1, 2).ravel()
         self._gradient = sparse.csr_matrix((entries, columns, np.arange(0, len(entries) + 1, n)), shape=(3 * len(self.weights), nodes))
         self._divergence = self._gradient.T.tocsr()
         node = np.repeat(mesh.cells, self.per_cell, axis=0).reshape(-1)  # each point's nodes
@@ -81,12 +81,13 @@ class Elastic:
 
     def gradient(self, u: Floats) -> Floats:
         """H (Q, 3, 3) of displacements (M,): H_ij = du_i/dX_j."""
-        return (self._gradient @ u.reshape(-1, 3)).reshape(-1, 3, 3).transpose(0, 2, 1)
+        found = np.array([self._gradient @ component for component in u.reshape(-1, 3).T])
+        return found.reshape(3, 3, -1).transpose(2, 0, 1)  # one component after another in memory, which is faster
 
     def force(self, stress: Floats) -> Floats:
         """(M,) nodal forces of a first Piola-Kirchhoff stress (Q, 3, 3), zero on held components."""
-        weighted = (stress * self.weights[:, None, None]).transpose(0, 2, 1).reshape(-1, 3)
-        force = (self._divergence @ weighted).ravel()
+        weighted = (stress.transpose(1, 2, 0) * self.weights).reshape(3, -1)
+        force = np.stack([self._divergence @ row for row in weighted], axis=1).ravel()
         force[self.held] = 0.0
         return force
 
@@ -94,7 +95,7 @@ class Elastic:
         """lambda tr(E) I + 2 mu E for strains (Q, 3, 3)."""
         lmbda, mu = self.lame
         stress = 2 * mu[:, None, None] * strain
-        trace = lmbda * np.trace(strain, axis1=1, axis2=2)
+        trace = lmbda * np.einsum("qii->q", strain)
         for i in range(3):
             stress[:, i, i] += trace
         return stress
@@ -125,19 +126,20 @@ class Elastic:
     def _rotations(self, u: Floats) -> Floats:
         """R (N, 3, 3) of the nodes, as far as strains are small: from the mean of H around them, whose skew part is sin(angle)
         times the axis."""
-        skew = (self._around @ (self._gradient @ u.reshape(-1, 3)).reshape(-1, 9)).reshape(-1, 3, 3)  # (N, ..): H^T
-        skew = (skew.transpose(0, 2, 1) - skew) / 2
+        h = (self._around @ self.gradient(u).reshape(-1, 9)).reshape(-1, 3, 3)
+        skew = (h - h.transpose(0, 2, 1)) / 2
         square = skew @ skew
         cosine = np.sqrt(np.maximum(1 + np.trace(square, axis1=1, axis2=2) / 2, 0.0))
         return np.eye(3) + skew + square / (1 + cosine)[:, None, None]
 
     def second(self, a: Floats, b: Floats) -> Floats:
         """(M,) the part of second order of f by Saint Venant-Kirchhoff's law, as a symmetric bilinear form of two H (Q, 3, 3)."""
-        return self.force((self.hooke(_square(a, b)) + a @ self.hooke(symmetric(b)) + b @ self.hooke(symmetric(a))) / 2)
+        return self.force((self.hooke(_square(a, b)) + _product(a, self.hooke(symmetric(b))) + _product(b, self.hooke(symmetric(a)))) / 2)
 
     def third(self, a: Floats, b: Floats, c: Floats) -> Floats:
         """(M,) the part of third order, as a symmetric form of three H (Q, 3, 3)."""
-        return self.force((a @ self.hooke(_square(b, c)) + b @ self.hooke(_square(a, c)) + c @ self.hooke(_square(a, b))) / 6)
+        return self.force((_product(a, self.hooke(_square(b, c))) + _product(b, self.hooke(_square(a, c)))
+                           + _product(c, self.hooke(_square(a, b)))) / 6)
 
 
 def components(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -151,4 +153,10 @@ def symmetric(h: Floats) -> Floats:
 
 
 def _square(a: Floats, b: Floats) -> Floats:
-    return symmetric(a.transpose(0, 2, 1) @ b)
+    return symmetric(_product(a.transpose(0, 2, 1), b))
+
+
+def _product(a: Floats, b: Floats) -> Floats:
+    """a b of (Q, 3, 3), summed component by component."""
+    found: Floats = sum(a[:, :, k, None] * b[:, None, k] for k in range(3))
+    return found
