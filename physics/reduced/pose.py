@@ -27,13 +27,13 @@ from physics.reduced.space import Reduced
 Floats = NDArray[np.float64]
 ITERATIONS = 40
 LOOSE = 1e-3  # cell sizes: a last step that may be left over where points of contact go in circles
-HALVINGS = 6
+HALVINGS = 4
 FRESH = 0.02  # cell sizes: after a larger step second derivatives are computed anew
 SAMPLE = 50  # components of which one is looked at for convergence
 REACH = 1.5  # cell sizes: points with a smaller gap are looked at
 NEAR = 0.5  # cell sizes: points with a smaller gap take part in contact
 SOFTEST = 1e-6  # smallest curvature of the energy over the largest
-TOLERANCE = 1e-6  # of the largest extent: displacement in Newton's last step
+TOLERANCE = float(__import__('os').environ.get('TOL',1e-6))  # of the largest extent: displacement in Newton's last step
 
 
 @dataclass(frozen=True)
@@ -98,17 +98,17 @@ class Press:
         weights, softness = rows[:, nodes].toarray(), self._softness[zone]
         zone_space, zone_rest = space[component], rest[nodes]
         q, local, pressure = state.q, state.local[nodes], state.pressure[zone]
-        hessian = self.model.hessian(q)
+        hessian, held = self.model.hessian(q), np.zeros(0, np.int64)
         for _ in range(ITERATIONS):
             moved = zone_rest + (zone_space @ q).reshape(-1, 3)
             turn = _rotation(zone_rest, moved)
             gap, normal = self.obstacle.gap(weights @ (moved + local), centre)
             near = np.flatnonzero((gap < max(NEAR * self.size, 1.001 * gap.min())) | (pressure > 0))
             w, n = weights[near], normal[near]
-            held = np.flatnonzero(w.any(axis=0))  # nodes behind the near points
-            pushable = components(nodes[held])
-            columns = self.elastic.columns(nodes[held])  # (3 h, M)
-            answers = columns[:, component].T - zone_space @ space[pushable].T  # (3 k, 3 h)
+            if not np.array_equal(behind := np.flatnonzero(w.any(axis=0)), held):  # nodes behind the near points
+                held, pushable = behind, components(nodes[behind])
+                columns = self.elastic.columns(nodes[held])  # (3 h, M)
+                answers = columns[:, component].T - zone_space @ space[pushable].T  # (3 k, 3 h)
             along = (w[:, :, None] * n[:, None, :]).reshape(len(near), -1)  # (a, 3 k) gap by displacement
             pushed = (w[:, held, None] * (n @ turn)[:, None, :]).reshape(len(near), -1)  # (a, 3 h)
             in_space = along @ zone_space  # (a, r)

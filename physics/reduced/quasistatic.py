@@ -29,14 +29,15 @@ from physics.schema import InputError
 
 Floats = NDArray[np.float64]
 POSES, GRADED = int(os.environ.get('POSES',8)), float(os.environ.get('GRADED',1.6))  # poses along a part of the path, the k-th of n at (k / n)^GRADED of it
-STRIDE = 1.0  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
+STRIDE = float(os.environ.get('STRIDE',1.0))  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
 STRAIGHT = 0.99  # cosine of the angle between two steps from which on the path has no corner
 ENRICHING = (0.35, 0.7, 1.0)  # where on the touching part of the path the space is enriched
 ENRICHMENTS = 2  # rounds of it at most, through a few of the poses
 ENOUGH = 1e-2  # cell sizes: when the answers are smaller, one round is enough
+FINEST = int(os.environ.get('FINEST',3))
 CLOSE = float(os.environ.get('CLOSE', 1e-3))  # cell sizes
-ROUNDS = 3  # solutions at a pose at most
-EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
+ROUNDS = int(os.environ.get('ROUNDS',3))  # solutions at a pose at most
+EXACT = float(os.environ.get('EXACT',1e-4))  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
 
 
 @dataclass(frozen=True)
@@ -88,11 +89,16 @@ class Estimator:
         ahead = np.linalg.norm(self.centres[poses] - self.centres[poses[0]], axis=1)
         ahead = ahead[:ahead.argmax() + 1]  # the way there, not back
         enriching = poses[np.unique([abs(ahead - share * ahead[-1]).argmin() for share in ENRICHING])]
-        found = self._follow(press, enriching)
-        press = press.within(Reduced(elastic, [*press.model.space.T, *(found[frame].answer.ravel() for frame in enriching.tolist())]))
-        found = self._follow(press, poses)
+        frames = enriching
+        for enriched in range(ENRICHMENTS + 1):
+            found = self._follow(press, frames)
+            left = [found[frame].answer.ravel() for frame in enriching.tolist()]
+            if enriched == ENRICHMENTS or enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size:
+                break
+            press, frames = press.within(Reduced(elastic, [*press.model.space.T, *left])), poses
         for part in parts:
-            self._refine(press, part.tolist(), found)
+            for one, other in pairwise(part.tolist()):
+                self._refine(press, one, other, part.tolist(), found)
         self._known = {frame: np.array([press.displacement(one.state), one.answer]) for frame, one in found.items()}
         for part in parts:
             part = np.array([frame for frame in sorted(found) if part[0] <= frame <= part[-1]])
@@ -117,24 +123,17 @@ class Estimator:
         share = np.linspace(0, 1, count + 1) ** GRADED
         return start + np.unique(np.searchsorted(way, way[-1] * (share if self.overlaps[end] else 1 - share[::-1])))
 
-    def _refine(self, press: Press, part: list[int], found: dict[int, Solved]) -> None:
-        """Solve more poses of a part, until each of them is what those around it foretell."""
-        while True:
-            here = [frame for frame in sorted(found) if part[0] <= frame <= part[-1]]
-            wrong = [False] * len(here)
-            for i, frame in enumerate(here[1:-1], start=1):
-                others = here[:i] + here[i + 1:]
-                guess = self._foretold(others, found, frame)
-                wrong[i] = np.sqrt(((press.displacement(guess.state) - press.displacement(found[frame].state)) ** 2).sum(axis=1).mean()) > self._tolerance
-            added = False
-            for i, (one, other) in enumerate(pairwise(here)):
-                middle = one + int(np.searchsorted(self._way[one:other + 1], (self._way[one] + self._way[other]) / 2))
-                if (wrong[i] or wrong[i + 1]) and one < middle < other:
-                    guess = self._foretold(here, found, middle)
-                    found[middle] = self._solved(press, self.centres[middle], guess, found[one])
-                    added = True
-            if not added:
-                return
+    def _refine(self, press: Press, one: int, other: int, part: list[int], found: dict[int, Solved], halvings: int = FINEST) -> None:
+        """Solve a pose between two of a part, and more where it is not what those around it foretell."""
+        middle = one + int(np.searchsorted(self._way[one:other + 1], (self._way[one] + self._way[other]) / 2))
+        if not halvings or not one < middle < other:
+            return
+        guess = self._foretold([frame for frame in sorted(found) if part[0] <= frame <= part[-1]], found, middle)
+        found[middle] = self._solved(press, self.centres[middle], guess, found[one])
+        off = press.displacement(guess.state) - press.displacement(found[middle].state)
+        if np.sqrt((off ** 2).sum(axis=1).mean()) > self._tolerance:
+            self._refine(press, one, middle, part, found, halvings - 1)
+            self._refine(press, middle, other, part, found, halvings - 1)
 
     def _foretold(self, known: list[int], found: dict[int, Solved], frame: int) -> Solved:
         """What the polynomial through the nearest of some poses gives for another."""
@@ -218,6 +217,6 @@ def _loads(surface: ContactSurface, rest: Floats, centre: Floats, normal: Floats
     middle = bell(centre, normal)
     beside = [(bell(centre + 2 * size * t, normal), bell(centre - 2 * size * t, normal)) for t in (tangent, across)]
     return np.stack([middle, bell(centre, tangent), bell(centre, across), *(a - b for a, b in beside),
-                     *(a + b - 2 * middle for a, b in beside)], axis=1)
+                     *(a + b - 2 * middle for a, b in beside)], axis=1)[:, :int(os.environ.get('NL',7))]
 
 
