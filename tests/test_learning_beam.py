@@ -61,7 +61,10 @@ def test_the_network_takes_a_third_off_its_estimates_error(errors):
 def test_evaluate_holds_it_against_finite_elements(beams, errors, tmp_path):
     report = evaluate(RUN, beams[1:2], tmp_path, refined=0)
     row = next(row for row in report["rows"] if row["kind"] == "learned")["scores"]
-    # over all frames what it is over every tenth, and better than the estimate; no motion at all has the error of the motion
-    assert row["rmse_all"] == pytest.approx(errors[1, 0], rel=0.2) and row["inverted_elements"] == 0
+    # no motion at all has the error of the motion
+    model, trajectory = load_model(RUN), read_trajectory(beams[1])
+    path = walk(model, build_example(trajectory, model.config, targets=np.arange(1, len(trajectory.displacement))))
+    assert row["rmse_all"] == pytest.approx(rmse(path[1:], trajectory.displacement[1:], trajectory.free), rel=1e-3)
+    assert row["inverted_elements"] == 0
     still = next(row for row in report["rows"] if row["name"] == "nothing moves")["scores"]
     assert still["rmse_all"] == pytest.approx(errors[1, 2], rel=0.1)

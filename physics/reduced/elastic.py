@@ -158,5 +158,4 @@ def _square(a: Floats, b: Floats) -> Floats:
 
 def _product(a: Floats, b: Floats) -> Floats:
     """a b of (Q, 3, 3), summed component by component."""
-    found: Floats = sum(a[:, :, k, None] * b[:, None, k] for k in range(3))
-    return found
+    return np.asarray(a[:, :, 0, None] * b[:, None, 0] + a[:, :, 1, None] * b[:, None, 1] + a[:, :, 2, None] * b[:, None, 2], float)

@@ -33,7 +33,7 @@ SAMPLE = 50  # components of which one is looked at for convergence
 REACH = 1.5  # cell sizes: points with a smaller gap are looked at
 NEAR = 0.5  # cell sizes: points with a smaller gap take part in contact
 SOFTEST = 1e-6  # smallest curvature of the energy over the largest
-TOLERANCE = float(__import__('os').environ.get('TOL',1e-6))  # of the largest extent: displacement in Newton's last step
+TOLERANCE = 1e-5  # of the largest extent: displacement in Newton's last step
 
 
 @dataclass(frozen=True)

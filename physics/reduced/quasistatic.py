@@ -1,14 +1,14 @@
 """Quasi-static states along an obstacle's path: what finite elements would find, about; for a network to correct.
 
-How a body moves in a small space and yields locally at one pose stands in pose.py. The path is followed through a few dozen poses,
-closer where contact begins, and what lies between two of them is interpolated. c = Phi^T f(u) - dW/dq, what the body's own law
-has beyond the polynomial W, is taken from the poses before and put right at each. Before, it is followed through few of the
-poses: the answers of the rest stiffness, turned with the body, to the forces that are left over there join the space.
+How a body moves in a small space and yields locally at one pose stands in pose.py. The path is followed through a few poses, closer
+where contact begins. Between two of them another is solved, and more where it is not what those around it foretell: where points of
+the surface begin or cease to touch. What lies between the poses is interpolated. c = Phi^T f(u) - dW/dq, what the body's own law has
+beyond the polynomial W, is taken from the poses around and put right at each. Before, the space is enriched: at some poses the
+answers of the rest stiffness, turned with the body, to the forces that are left over join it.
 Legend: N body nodes, M = 3 N, T frames.
 """
 
 from __future__ import annotations
-import os
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -28,16 +28,16 @@ from physics.scene import Scene
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
-POSES, GRADED = int(os.environ.get('POSES',8)), float(os.environ.get('GRADED',1.6))  # poses along a part of the path, the k-th of n at (k / n)^GRADED of it
-STRIDE = float(os.environ.get('STRIDE',1.0))  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
+POSES, GRADED = 6, 1.6  # first poses along a part of the path, the k-th of n at (k / n)^GRADED of it
+STRIDE = 0.5  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
 STRAIGHT = 0.99  # cosine of the angle between two steps from which on the path has no corner
 ENRICHING = (0.35, 0.7, 1.0)  # where on the touching part of the path the space is enriched
-ENRICHMENTS = 2  # rounds of it at most, through a few of the poses
+ENRICHMENTS = 2  # rounds of it at most
 ENOUGH = 1e-2  # cell sizes: when the answers are smaller, one round is enough
-FINEST = int(os.environ.get('FINEST',3))
-CLOSE = float(os.environ.get('CLOSE', 1e-3))  # cell sizes
-ROUNDS = int(os.environ.get('ROUNDS',3))  # solutions at a pose at most
-EXACT = float(os.environ.get('EXACT',1e-4))  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
+HALVINGS = 3  # between two of the first poses at most
+CLOSE = 1.5e-4  # cell sizes: how far a pose may lie, in the root mean square, from what those around it foretell
+ROUNDS = 3  # solutions at a pose at most
+EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,6 @@ class Estimator:
         self.size = cell_size(mesh)
         self.surface = ContactSurface(mesh, scene.obstacle.contact, held)
         self.centres = centres
-        self._tolerance = CLOSE * self.size
         self._way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))])  # (T,) [m] along the path
         rest = self.surface.positions(mesh.points)
         # Where the obstacle overlaps the body at rest. Later on it may be so deep that it no longer does.
@@ -93,12 +92,12 @@ class Estimator:
         for enriched in range(ENRICHMENTS + 1):
             found = self._follow(press, frames)
             left = [found[frame].answer.ravel() for frame in enriching.tolist()]
-            if enriched == ENRICHMENTS or enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size:
+            if enriched == ENRICHMENTS or (enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size):
                 break
             press, frames = press.within(Reduced(elastic, [*press.model.space.T, *left])), poses
         for part in parts:
             for one, other in pairwise(part.tolist()):
-                self._refine(press, one, other, part.tolist(), found)
+                self._refine(press, one, other, part, found)
         self._known = {frame: np.array([press.displacement(one.state), one.answer]) for frame, one in found.items()}
         for part in parts:
             part = np.array([frame for frame in sorted(found) if part[0] <= frame <= part[-1]])
@@ -123,7 +122,8 @@ class Estimator:
         share = np.linspace(0, 1, count + 1) ** GRADED
         return start + np.unique(np.searchsorted(way, way[-1] * (share if self.overlaps[end] else 1 - share[::-1])))
 
-    def _refine(self, press: Press, one: int, other: int, part: list[int], found: dict[int, Solved], halvings: int = FINEST) -> None:
+    def _refine(self, press: Press, one: int, other: int, part: NDArray[np.int64], found: dict[int, Solved],
+                halvings: int = HALVINGS) -> None:
         """Solve a pose between two of a part, and more where it is not what those around it foretell."""
         middle = one + int(np.searchsorted(self._way[one:other + 1], (self._way[one] + self._way[other]) / 2))
         if not halvings or not one < middle < other:
@@ -131,7 +131,7 @@ class Estimator:
         guess = self._foretold([frame for frame in sorted(found) if part[0] <= frame <= part[-1]], found, middle)
         found[middle] = self._solved(press, self.centres[middle], guess, found[one])
         off = press.displacement(guess.state) - press.displacement(found[middle].state)
-        if np.sqrt((off ** 2).sum(axis=1).mean()) > self._tolerance:
+        if np.sqrt((off**2).sum(axis=1).mean()) > CLOSE * self.size:
             self._refine(press, one, middle, part, found, halvings - 1)
             self._refine(press, middle, other, part, found, halvings - 1)
 
@@ -191,7 +191,7 @@ class Estimator:
 
 
 def _sum(shares: list[float], solved: list[Solved]) -> Solved:
-    """The sum of some poses, each times a share."""
+    """The sum of some poses, each times a share; the obstacle is where it is in the first, and nothing pulls."""
     def added(values: Iterable[Floats]) -> Floats:
         return np.asarray(sum(share * value for share, value in zip(shares, values, strict=True)))
 
@@ -217,6 +217,6 @@ def _loads(surface: ContactSurface, rest: Floats, centre: Floats, normal: Floats
     middle = bell(centre, normal)
     beside = [(bell(centre + 2 * size * t, normal), bell(centre - 2 * size * t, normal)) for t in (tangent, across)]
     return np.stack([middle, bell(centre, tangent), bell(centre, across), *(a - b for a, b in beside),
-                     *(a + b - 2 * middle for a, b in beside)], axis=1)[:, :int(os.environ.get('NL',7))]
+                     *(a + b - 2 * middle for a, b in beside)], axis=1)
 
 

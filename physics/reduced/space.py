@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from physics.reduced.elastic import Elastic, symmetric
 
 Floats = NDArray[np.float64]
-POINTS = int(__import__('os').environ.get('POINTS',1000))  # of integration that the polynomial is made from, about
+POINTS = 1000  # of integration that the polynomial is made from, about
 INDEPENDENT = 1e-9  # of the energy of normed vectors: what lies below is rounding
 
 
