@@ -26,6 +26,7 @@ CHEAPER = [
     "FE, cells halved, a tenth of the steps",
     "FE, linear elasticity",
     "reduced-order model",
+    "reduced-order model, a tenth of the steps",
 ]
 
 
@@ -73,7 +74,7 @@ def test_a_scene_without_a_solution_says_where_it_ended(scene, monkeypatch):
 def test_classical_methods_stand_among_themselves_the_reference_last():
     found = module.predictors({})
     assert [each.name for each in found] == [*TRIVIAL, *CHEAPER, REFERENCE]
-    assert [each.kind for each in found] == ["trivial"] * 3 + ["fe"] * 6 + ["reduced", "reference"]
+    assert [each.kind for each in found] == ["trivial"] * 3 + ["fe"] * 6 + ["reduced", "reduced", "reference"]
 
 
 def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its_folder():
@@ -82,7 +83,7 @@ def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its
     assert [(each.name, each.kind) for each in one[:3]] == [
         ("M4GN" + rung, kind) for rung, kind in zip(rungs, ("learned", "hybrid", "hybrid"), strict=True)
     ]
-    assert one[3].name == "nothing moves" and len(one) == 14
+    assert one[3].name == "nothing moves" and len(one) == 15
     two = module.predictors({"runs/a": model(), "more/b": model(estimate=True)})
     assert [each.name for each in two[:7]] == [*("M4GN a" + rung for rung in rungs), *("M4GN b" + rung for rung in rungs), TRIVIAL[0]]
 
@@ -150,7 +151,7 @@ def test_a_scene_file_is_one_case_and_a_folder_a_set(reported, tmp_path):
     assert module.compare("a.toml", ["runs/x"], str(tmp_path), repeats=7, say=print) == {"summary": "words"}
     assert reported["cases"] == ["scene", "a.toml"] and reported["out"] == tmp_path and reported["title"] == "Speed against error"
     assert (reported["refined"], reported["repeats"], reported["say"]) == (2, 7, print)  # all cases, here "two", are solved finer
-    assert list(reported["runs"]) == ["runs/x"] and reported["names"][0] == "M4GN" and len(reported["names"]) == 14
+    assert list(reported["runs"]) == ["runs/x"] and reported["names"][0] == "M4GN" and len(reported["names"]) == 15
     module.compare("B.TOML", [], tmp_path)
     assert reported["cases"] == ["scene", "B.TOML"] and (reported["repeats"], reported["say"], reported["runs"]) == (3, None, {})
     module.compare("data", [], tmp_path, count=9, split="valid", refined=0)

@@ -147,6 +147,18 @@ def test_the_reduced_model_is_the_estimate_without_the_network(world, case, monk
     assert (found.seconds, found.set_up, found.one_step) == (6.0, 0.0, None)
 
 
+def test_the_reduced_model_in_fewer_steps_is_shown_few_frames_and_has_lines_between(world, case, monkeypatch):
+    def guessed(trajectory, frames):
+        assert frames.tolist() == [1, 2] and len(trajectory.displacement) == 3
+        np.testing.assert_array_equal(trajectory.displacement[:, ~trajectory.free], case.trajectory.displacement[::2, ~trajectory.free])
+        return Estimate(frames, world.path[frames], world.path[frames])
+
+    monkeypatch.setattr(module, "estimate", guessed)
+    found = estimated("few", fewer=2).predict(case).path  # of four steps
+    body = world.path[:, case.trajectory.body]
+    np.testing.assert_allclose(found, [0 * body[0], body[1] / 2, body[1], (body[1] + body[2]) / 2, body[2]], atol=1e-6)
+
+
 def test_what_the_reduced_model_does_not_know_is_left_out(case, monkeypatch):
     def refused(trajectory, frames):
         raise InputError("clamped bodies alone")

@@ -16,7 +16,7 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.reduced import quasistatic as module
 from physics.reduced.elastic import Elastic
-from physics.reduced.pose import Press, Pressed, _factor, _rotation
+from physics.reduced.pose import PoseState, Press, _factor, _rotation
 from physics.reduced.quasistatic import Estimator, Solved, _loads
 from physics.reduced.space import Reduced
 from physics.scene import Body, read_scene
@@ -230,8 +230,8 @@ def refining(monkeypatch, value, frames=65):
     press = SimpleNamespace(displacement=lambda state: np.array([[state.q[0], 0, 0]]))
 
     def solved(frame):
-        return Solved(Pressed(estimator.centres[frame], np.array([value(frame)]), np.zeros((1, 3)), np.zeros(1), np.zeros(3)), np.zeros(1),
-                      np.zeros((1, 3)))
+        return Solved(PoseState(estimator.centres[frame], np.array([value(frame)]), np.zeros((1, 3)), np.zeros(1), np.zeros(3)),
+                      np.zeros(1), np.zeros((1, 3)))
 
     def ask(press, centre, guess, near):
         asked.append(int(centre[2]))
@@ -276,7 +276,7 @@ def test_a_state_far_from_the_pose_is_reached_in_halves():
     """Each half no longer than a cell; where Newton's method never leads there, the body stays and the pose is the new one."""
     press, asked = Press.__new__(Press), []
     press.size = 1.0
-    start = Pressed(np.zeros(3), np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
+    start = PoseState(np.zeros(3), np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
 
     def newton(centre, state, c):
         asked.append((float(state.centre[0]), float(centre[0])))

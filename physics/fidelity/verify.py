@@ -83,7 +83,7 @@ class Checker:
     def frame(self, u: Floats, fraction: float) -> Frame:
         """Displacements (N, 3) at a fraction of the loading, held against the equations."""
         balance = self.balance
-        outer = balance.outer(fraction)
+        outer = balance.apply_loads(fraction)
         force = balance.elasticity.force(u) - outer
         free, energy = ~balance.fixed, balance.elasticity.energy(u)
         if balance.contact is None:

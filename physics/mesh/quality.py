@@ -1,7 +1,7 @@
 """How good a deformed mesh is: against a true one, and by itself.
 
 Against the truth: rmse, Hausdorff GF_h, Chamfer GF_c, and the errors of mesh continuity MC and aspect ratio AR. By itself:
-cell volumes, det F (F the deformation gradient of the isoparametric map), inverted cells, scaled Jacobian. GF_h, GF_c, MC
+cell volumes, det F (F the deformation gradient of the isoparametric map), scaled Jacobian. GF_h, GF_c, MC
 and AR follow the M4GN paper (appendix "Metrics for Mesh Quality Measure"), which takes them at every step and averages.
 
 Legend: N nodes, C cells, n nodes of a cell, Q sample points of a cell; "..." any leading axes, usually the T frames.
@@ -107,11 +107,6 @@ def centre_gradients(cell: str) -> Floats:
 def smallest_det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Floats:
     """(...) smallest det F of the whole mesh, as in `det_f`."""
     return det_f(points, displacement, cells, cell).min(axis=-1)
-
-
-def inverted_cells(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Integers:
-    """(...) number of cells whose det F is not positive at one of the points of `det_f`, or not a number."""
-    return np.count_nonzero(~(det_f(points, displacement, cells, cell) > 0), axis=-1)
 
 
 def mesh_continuity(points: ArrayLike, cells: Integers, cell: str) -> Floats:

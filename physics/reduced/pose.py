@@ -37,7 +37,7 @@ TOLERANCE = 1e-5  # of the largest extent: displacement in Newton's last step
 
 
 @dataclass(frozen=True)
-class Pressed:
+class PoseState:
     """The body as it is pressed: centre (3,) of the obstacle; q (r,) in the small space; local (N, 3) what that cannot do [m];
     pressure (A,) and push (M,) contact forces."""
 
@@ -61,16 +61,16 @@ class Press:
         """The same in another space."""
         return Press(self.mesh, self.size, self.surface, self.obstacle, self.elastic, model)
 
-    def rest(self, centre: Floats) -> Pressed:
+    def rest(self, centre: Floats) -> PoseState:
         """Nothing moved and nothing pressed, the obstacle at a place."""
         size, surface = self.elastic.size, len(self.surface.area)
-        return Pressed(centre, np.zeros(self.model.space.shape[1]), np.zeros((size // 3, 3)), np.zeros(surface), np.zeros(size))
+        return PoseState(centre, np.zeros(self.model.space.shape[1]), np.zeros((size // 3, 3)), np.zeros(surface), np.zeros(size))
 
-    def displacement(self, state: Pressed) -> Floats:
+    def displacement(self, state: PoseState) -> Floats:
         """(N, 3) [m]"""
         return (self.model.space @ state.q).reshape(-1, 3) + state.local
 
-    def advance(self, centre: Floats, state: Pressed, c: Floats, depth: int = 0) -> Pressed:
+    def advance(self, centre: Floats, state: PoseState, c: Floats, depth: int = 0) -> PoseState:
         """The state at a pose, from one at another pose: in one go, or in two halves where that does not lead there.
 
         Where 2^-HALVINGS of the way is still too far, the body stays as it is: the forces left over tell how bad the estimate is.
@@ -83,7 +83,7 @@ class Press:
         state = self.advance(state.centre + way / 2, state, c, depth + 1)
         return self.advance(centre, state, c, depth + 1)
 
-    def newton(self, centre: Floats, state: Pressed, c: Floats) -> Pressed | None:
+    def newton(self, centre: Floats, state: PoseState, c: Floats) -> PoseState | None:
         """The state at a pose from one nearby; None where Newton's method does not find it."""
         space, rest = self.model.space, self.mesh.points
         gap, _ = self.obstacle.gap(self.surface.weights @ (rest + self.displacement(state)), centre)
@@ -141,7 +141,7 @@ class Press:
         whole[zone], push[component] = pressure, along.T @ p
         push[self.elastic.held] = 0.0
         local = force @ columns - space @ (force @ space[pushable])
-        return Pressed(centre, q, local.reshape(-1, 3) @ turn.T, whole, push)
+        return PoseState(centre, q, local.reshape(-1, 3) @ turn.T, whole, push)
 
 
 def _factor(hessian: Floats) -> tuple[Floats, bool]:

@@ -22,7 +22,7 @@ from physics.contact.conditions import ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
 from physics.reduced.elastic import Elastic
-from physics.reduced.pose import Press, Pressed
+from physics.reduced.pose import PoseState, Press
 from physics.reduced.space import Reduced, derivatives
 from physics.scene import Scene
 from physics.schema import InputError
@@ -44,7 +44,7 @@ EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone
 class Solved:
     """A state at one pose; beyond (r,): c there; answer (N, 3) [m] of the rest stiffness to the forces that the state leaves over."""
 
-    state: Pressed
+    state: PoseState
     beyond: Floats
     answer: Floats
 
