@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from datagen.files.trajectory import Trajectory
 from learning.prediction.checkpoint import Model
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.prediction.rollout import predict_step, rollout
-from learning.samples.estimate import estimate
+from learning.samples.estimate import estimator_of
 from learning.slender.model import Slender
 from learning.slender.path import predict as predict_path
 from physics.equilibrium.state import NoEquilibrium
@@ -82,24 +81,18 @@ def corrected(model: Model | Slender, count: int | None, name: str = "M4GN") -> 
     return Predictor(f"{name}, {how}", "hybrid", predict)
 
 
-def estimated(name: str, *, fewer: int = 1) -> Predictor:
-    """The reduced-order model: what a network with estimate = true corrects, without the network. Nothing of it is learned.
-
-    With so many times fewer steps, the frames between lie on straight lines.
-    """
+def estimated(name: str, *, rough: bool = False) -> Predictor:
+    """The reduced-order model: what a network with estimate = true corrects, without the network; or a rough form of it, at few poses
+    and in a smaller space. Nothing of it is learned."""
 
     def predict(case: Case) -> Prediction:
-        start = time.process_time()
-        shown = np.linspace(0, case.steps, max(1, round(case.steps / fewer)) + 1).round().astype(int)
-        given = np.where(case.trajectory.free[:, None], np.float32(0), case.trajectory.displacement[shown])
-        path = np.zeros((len(shown), *case.truth.shape[1:]), np.float32)
+        start, path = time.process_time(), np.zeros_like(case.truth)
+        given = np.where(case.trajectory.free[:, None], np.float32(0), case.trajectory.displacement)
         try:
-            found = estimate(replace(case.trajectory, displacement=given), np.arange(1, len(shown)))
+            estimator = estimator_of(replace(case.trajectory, displacement=given), rough=rough)
         except InputError as error:
             raise LeftOut(f"{error}") from None
-        path[1:] = found.displacement[:, case.trajectory.body]
-        if fewer > 1:
-            path = make_interp_spline(shown, path, k=1)(np.arange(case.steps + 1))
+        path[1:] = estimator.frames(range(1, case.steps + 1))[0]
         return Prediction(path=path, seconds=time.process_time() - start)
 
     return Predictor(name, "reduced", predict)

@@ -52,8 +52,8 @@ class Solved:
 class Estimator:
     """Estimates for one body and its obstacle, at any pose of a path."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, held: NDArray[np.bool_], centres: Floats) -> None:
-        """Args: held (N,) nodes; centres (T, 3) [m] of the obstacle in each frame.
+    def __init__(self, scene: Scene, mesh: Mesh, held: NDArray[np.bool_], centres: Floats, *, rough: bool = False) -> None:
+        """Args: held (N,) nodes; centres (T, 3) [m] of the obstacle in each frame; rough: the first poses alone, in the space as it is.
 
         Raises `InputError` for a scene that is not a body held at whole nodes and pressed by a rigid obstacle alone.
         """
@@ -73,9 +73,9 @@ class Estimator:
         self._parts: list[Akima1DInterpolator | PchipInterpolator] = []  # of what `frames` gives, by the way
         self._known: dict[int, Floats] = {}  # what it gives at the poses themselves
         if self.overlaps.any():
-            self._prepare(Elastic(mesh, held, scene.material, scene.body.element), rest, -clearance.min())
+            self._prepare(Elastic(mesh, held, scene.material, scene.body.element), rest, -clearance.min(), rough)
 
-    def _prepare(self, elastic: Elastic, rest: Floats, depth: float) -> None:
+    def _prepare(self, elastic: Elastic, rest: Floats, depth: float, rough: bool) -> None:
         first = int(self.overlaps.argmax())
         gap, normal = self.obstacle.gap(rest, self.centres[first])
         loads = _loads(self.surface, rest, rest[gap.argmin()], normal[gap.argmin()], self.size, self.mesh)
@@ -88,16 +88,16 @@ class Estimator:
         ahead = np.linalg.norm(self.centres[poses] - self.centres[poses[0]], axis=1)
         ahead = ahead[:ahead.argmax() + 1]  # the way there, not back
         enriching = poses[np.unique([abs(ahead - share * ahead[-1]).argmin() for share in ENRICHING])]
-        frames = enriching
-        for enriched in range(ENRICHMENTS + 1):
+        frames, rounds, halvings = (poses, 0, 0) if rough else (enriching, ENRICHMENTS, HALVINGS)
+        for enriched in range(rounds + 1):
             found = self._follow(press, frames)
             left = [found[frame].answer.ravel() for frame in enriching.tolist()]
-            if enriched == ENRICHMENTS or (enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size):
+            if enriched == rounds or (enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size):
                 break
             press, frames = press.within(Reduced(elastic, [*press.model.space.T, *left])), poses
         for part in parts:
             for one, other in pairwise(part.tolist()):
-                self._refine(press, one, other, part, found)
+                self._refine(press, one, other, part, found, halvings)
         self._known = {frame: np.array([press.displacement(one.state), one.answer]) for frame, one in found.items()}
         for part in parts:
             part = np.array([frame for frame in sorted(found) if part[0] <= frame <= part[-1]])
@@ -123,7 +123,7 @@ class Estimator:
         return start + np.unique(np.searchsorted(way, way[-1] * (share if self.overlaps[end] else 1 - share[::-1])))
 
     def _refine(self, press: Press, one: int, other: int, part: NDArray[np.int64], found: dict[int, Solved],
-                halvings: int = HALVINGS) -> None:
+                halvings: int) -> None:
         """Solve a pose between two of a part, and more where it is not what those around it foretell."""
         middle = one + int(np.searchsorted(self._way[one:other + 1], (self._way[one] + self._way[other]) / 2))
         if not halvings or not one < middle < other:
