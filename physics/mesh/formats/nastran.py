@@ -75,8 +75,7 @@ def _cards(path: Path) -> Iterator[tuple[str, list[str]]]:
         if line.strip().upper().startswith("ENDDATA"):
             break
         if "," in line:
-            words = [word.strip() for word in line.split(",")]
-            words = [words[0], *words[1:9]] if len(words) > 9 else words
+            words = [word.strip() for word in line.split(",")][:9]
         else:
             line = line.expandtabs(8)
             width = 16 if "*" in line[:8] else 8
