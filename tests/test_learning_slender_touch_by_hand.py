@@ -121,7 +121,7 @@ def test_a_groove_is_left_for_the_next_one_when_no_place_in_it_can_hold_the_pull
 def test_a_soft_beam_that_crosses_the_nodes_row_has_jumped_and_a_stiff_one_not():
     """A narrow touch that began at z > 0: pulled to -0.6 it lies on the other side."""
     for hold, jumps in ((0.8, True), (0.3, False)):
-        lean, lies, moved, jumped = (each.item() for each in held(one([-0.6]), one([hold]), one([0.3]), 0.5))
+        _, lies, moved, jumped = (each.item() for each in held(one([-0.6]), one([hold]), one([0.3]), 0.5))
         assert moved == 0 and lies < 0 and bool(jumped) == jumps
         _, lies, moved, jumped = (each.item() for each in held(one([-0.6]), one([hold]), one([0.3]), -0.5))
         assert moved == 0 and lies < 0 and not jumped

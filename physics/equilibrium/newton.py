@@ -152,9 +152,7 @@ class Newton:
 
     def pressing(self, state: State) -> Felt | None:
         """Contact at the points that press in a state; None when none does."""
-        touch = self._touch(state.fraction, state.u, state.pressure)
-        points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
-        return None if touch is None or not len(points) else self._felt(touch, points)
+        return self._pressed(self._touch(state.fraction, state.u, state.pressure))
 
     def outdate(self) -> None:
         """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
@@ -265,6 +263,11 @@ class Newton:
             touch.pressure[near] = felt.pressed
         return step
 
+    def _pressed(self, touch: Touch | None) -> Felt | None:
+        """Contact at the points that press; None when none does."""
+        points = [] if touch is None else np.flatnonzero(touch.pressure > 0)
+        return self._felt(touch, points) if touch is not None and len(points) else None
+
     def _felt(self, touch: Touch, points: NDArray[np.int64]) -> Felt:
         """Contact at some points of the zone, as the linear algebra takes it."""
         nodes, gradient, bend = touch.rows(points)
@@ -274,8 +277,7 @@ class Newton:
         """Raise `NoEquilibrium` at an unstable state; it is looked at on request, or when the last step showed that it may be one."""
         if not (look or self.tangent.giving):
             return
-        points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
-        if not self.tangent.held(None if touch is None or not len(points) else self._felt(touch, points)):
+        if not self.tangent.held(self._pressed(touch)):
             raise NoEquilibrium("the body is unstable: it snaps through, buckles or slips off")
 
     def _error(self, state: State) -> float:
