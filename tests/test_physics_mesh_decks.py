@@ -149,7 +149,7 @@ def test_whole_numbers_on_the_cells_of_an_xdmf_grid_are_tags_and_nothing_else_is
     x = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]]
     body = grid("Tetrahedron", [[0, 1, 2, 3], [1, 2, 3, 4]], ("part", "Cell", [4, 2]), ("heat", "Cell", [0.5, 2]), ("some", "Cell", [1]),
                 ("u", "Node", [3, 3, 3, 3, 3]), ("kind", "Cell", [2.0, 2.0]), nodes=x)
-    sides = grid("Triangle", [[0, 2, 1], [0, 1, 3], [0, 3, 2]], ("side", "Cell", [2, 4, 2]))
+    sides = grid("Triangle", [[0, 2, 1], [0, 1, 3], [0, 3, 2]], ("side", "Cell", [2, 4, 2]), ("odd", "Face", [7, 7, 7]))
 
     def read(*grids):
         (tmp_path / "a.xdmf").write_text(f"<Xdmf><Domain>{''.join(grids)}</Domain></Xdmf>")
