@@ -178,6 +178,10 @@ def test_a_rollout_does_not_overwrite_its_trajectory_by_any_name(predicted, caps
             capsys, "rollout", "run", predicted.file, "--out", out
         )
     assert predicted.file.read_bytes() == before
+    predicted.monkeypatch.setattr("learning.prediction.rollout.rollout", Called(predicted.prediction))
+    for name in ("a.vtkhdf", "z.vtkhdf"):
+        spoken(capsys, "rollout", "run", predicted.file, "--out", predicted.file.with_name(name))
+    assert "--out" in refused(capsys, "rollout", "run", predicted.file)
     assert "must end in .vtkhdf" in refused(capsys, "rollout", "run", predicted.file, "--out", "p.vtu")
     assert "not a whole number above 0" in refused(capsys, "rollout", "run", predicted.file, "--out", "p.vtkhdf", "--correct", "0")
 
@@ -279,6 +283,8 @@ def test_sweep_hands_its_options_on_and_counts_what_it_found(swept, capsys):
     for wrong in ("7,a", "7,", "1234567890", "7,-1"):
         assert f"--nodes {wrong}: must be whole numbers with commas between" in refused(capsys, *arguments, "--nodes", wrong)
     spoken(capsys, *arguments, "--nodes", "123456789")
+    for given, lacks in ((("--predictor", "run"), "--out"), (("--out", swept.out), "--predictor")):
+        assert lacks in refused(capsys, "sweep", "press.toml", *given)
     for wrong in (("--unsure", "ask"), ("--count", "0"), ("--seed", "-1"), ("--out", "s.csv")):
         refused(capsys, *arguments, *wrong)
 
