@@ -265,8 +265,7 @@ class Newton:
 
     def _pressed(self, touch: Touch | None) -> Felt | None:
         """Contact at the points that press; None when none does."""
-        points = [] if touch is None else np.flatnonzero(touch.pressure > 0)
-        return self._felt(touch, points) if touch is not None and len(points) else None
+        return None if touch is None or not (touch.pressure > 0).any() else self._felt(touch, np.flatnonzero(touch.pressure > 0))
 
     def _felt(self, touch: Touch, points: NDArray[np.int64]) -> Felt:
         """Contact at some points of the zone, as the linear algebra takes it."""
