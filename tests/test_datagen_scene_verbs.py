@@ -97,6 +97,19 @@ def test_modes_of_a_mesh_file_keep_its_places_and_which_file_it_was(tmp_path):
     assert {name: place["nodes"].tolist() for name, place in kept.places.items()} == {"9": list(range(20)), "2": [0, 1, 2, 3]}
 
 
+def test_a_process_alone_is_the_first_one_and_writes(tmp_path, monkeypatch):
+    written = []
+    found = SimpleNamespace(frequencies_hz=(1.0,), residuals=np.zeros(1), dofs=3, cells="1 cell", solver="dense", remarks=(), seconds=0.0,
+                            clusters=[], report={})
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: found if not spread else None)
+    monkeypatch.setattr(scene_verbs, "_write_modes", lambda out, options, found: written.append(out))
+    options = argparse.Namespace(kind="elastic", scene="s.toml", out="m.vtu", picture=None, html=None)
+    scene_verbs.modes(options, say=lambda text: None, writable=writable)
+    assert written == ["m.vtu"]
+    with pytest.raises(AttributeError):  # of several the modes are asked for together
+        scene_verbs.modes(options, say=lambda text: None, writable=writable, processes=2)
+
+
 @pytest.fixture
 def asked(monkeypatch, tmp_path):
     """simulate with a solver of three steps; what it was given and what was written."""
@@ -124,8 +137,8 @@ def asked(monkeypatch, tmp_path):
 
     def run(rank=0, processes=1, **changes):
         said = []
-        result = scene_verbs.simulate(argparse.Namespace(**given.options | changes), say=said.append, writable=writable, rank=rank,
-                                      processes=processes)
+        several = {} if processes == 1 else {"rank": rank, "processes": processes}
+        result = scene_verbs.simulate(argparse.Namespace(**given.options | changes), say=said.append, writable=writable, **several)
         return result, said
 
     given.run = run

@@ -14,7 +14,7 @@ from tests.scenes import beam
 SUPPORT = [{"where": "x-max", "fixed": "xyz"}, {"where": "x-min", "fixed": "y"}]  # the first nodes are free but for y
 
 
-@pytest.fixture(scope="module", params=[1, 2, 3])
+@pytest.fixture(scope="module", params=[1, 2, 4])
 def shared(request):
     """A body along y whose nodes are not numbered that way, its displacements, and its rows as each of some processes has them."""
     scene = beam(body={"length": 0.03, "width": 0.06, "height": 0.02, "cells": [2, 4, 1], "cell": "hexahedron"}, support=SUPPORT)
