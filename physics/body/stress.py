@@ -42,6 +42,7 @@ def deformation(mesh: Mesh, displacement: ArrayLike) -> Floats:
     """(C, 3, 3) deformation gradient F at the cells' centres for displacements (N, 3) [m]."""
     gradients = centre_gradients(mesh.cell)  # (n, 3)
     rest = np.einsum("cni,nk->cik", mesh.points[mesh.cells], gradients)
+    rest[:, mesh.dimension:, mesh.dimension:] = np.eye(3 - mesh.dimension)
     moved = np.einsum("cni,nk->cik", np.asarray(displacement, np.float64)[mesh.cells], gradients)
     return np.eye(3) + moved @ np.linalg.inv(rest)  # not by the positions, whose rounding would be stress in a body at rest
 
@@ -54,9 +55,23 @@ def first_piola(F: Floats, material: Material) -> Floats:
     return kernel.forces(columns, lame(material)).reshape(-1, 3, 3).transpose(0, 2, 1)
 
 
+def thinned(F: Floats, material: Material) -> Floats:
+    """(M, 3, 3) F with the stretch F_33 at which a thin sheet has no stress across, P_33 = 0, by Newton's method."""
+    F, small = F.copy(), np.sqrt(np.finfo(float).eps)
+    for _ in range(40):
+        across, beside = F[:, 2, 2].copy(), F + small * np.diag([0.0, 0.0, 1.0])
+        here, there = (first_piola(each, material)[:, 2, 2] for each in (F, beside))
+        F[:, 2, 2] = np.maximum(across - here * small / (there - here), across / 2)
+        if not (abs(F[:, 2, 2] - across) > 1e-13).any():
+            break
+    return F
+
+
 def cauchy(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
     """(C, 3, 3) sigma [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
     F = deformation(mesh, displacement)
+    if mesh.sheet:
+        F = thinned(F, material)
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = first_piola(F, material)
         return sigma if material.law == "linear" else sigma @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]

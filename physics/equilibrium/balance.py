@@ -20,6 +20,7 @@ from physics.body.schedule import Moves, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
 from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
+from physics.mesh.build import across
 from physics.mesh.mesh import Mesh
 from physics.scene import Load, Scene
 from physics.schema import InputError
@@ -51,6 +52,7 @@ class Balance:
         Raises:
             InputError: the body is free to move, or the obstacle starts inside of it
         """
+        mesh = across(mesh, scene.body)
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.fixed, self.moves = held(scene, mesh), Moves(scene, mesh)
         self.bearing = np.flatnonzero(self.moves.nodes if self.moves.nodes.any() else self.fixed.any(axis=1))
@@ -129,7 +131,7 @@ class Balance:
         Where the end of a slender body has moved by d across it, a step along its soft directions is off by about 10 (d/h)^2 of
         itself: the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3).
         """
-        return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(np.ptp(self.mesh.points, axis=0).min())
+        return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(self.mesh.extent.min())
 
     def stride(self, start: float, end: float) -> float:
         """How far the obstacle moves between two fractions of the loading, over what is safe for one step.
@@ -141,7 +143,7 @@ class Balance:
         obstacle = self.contact.obstacle
         between = np.unique([start, *obstacle.reached, end])
         way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
-        safe = min(obstacle.width, float(np.ptp(self.mesh.points, axis=0).min())) / 2
+        safe = min(obstacle.width, float(self.mesh.extent.min())) / 2
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe
 
     def _check(self) -> None:
