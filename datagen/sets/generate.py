@@ -73,7 +73,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     points, triangles, moved, way = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3)), {}
     if scene.obstacle is not None:
         rigid, size = Rigid(scene.obstacle), cell_size(mesh)
-        around, triangles = rigid.surface_mesh(mesh.points, size=size)
+        around, triangles = rigid.surface_mesh(mesh.points, size=size, plane=mesh.dimension == 2)
         way = {"obstacle": centres(scene, frames)}
         moved = np.repeat((way["obstacle"] - rigid.path[0])[:, None], len(around), axis=1)
         points = np.concatenate([mesh.points, around])

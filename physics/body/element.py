@@ -55,7 +55,7 @@ def samples(mesh: Mesh, element: str = "standard") -> Samples:
     gradients, volumes = _isoparametric(mesh, CELLS[mesh.cell].points, CELLS[mesh.cell].weights)
     if element == "standard":
         return Samples(gradients, volumes, np.ones((len(volumes), 2)))
-    if mesh.cell in ("tetrahedron", "triangle") or (element == "reduced" and mesh.cell != "prism"):
+    if mesh.cell == "tetrahedron" or mesh.dimension == 2 or (element == "reduced" and mesh.cell != "prism"):
         raise InputError(f"body.element = {element!r}: not for {CELLS[mesh.cell].plural}; leave it out")
     mean, volume = _mean(gradients, volumes)
     if element == "reduced":

@@ -94,7 +94,8 @@ class Pressed(Elasticity):
 
     def _pressed(self, u: Floats) -> Floats:
         at = self.mesh.points + u
-        return sum((pressure_force(at, [facets], self._pressure(load), self.mesh.thickness) for facets, load in self._faces), np.zeros_like(at))
+        forces = (pressure_force(at, [facets], self._pressure(load), self.mesh.thickness) for facets, load in self._faces)
+        return sum(forces, np.zeros_like(at))
 
     def _pressure(self, load: Load) -> float:
         """[Pa] at the fraction of the steps."""

@@ -90,7 +90,7 @@ def von_mises(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats
 
 
 def recovery(mesh: Mesh) -> scipy.sparse.csr_matrix:
-    """(N, C) what the value at each cell's centre counts at each node of a solid body; a node of no cell has zeros."""
+    """(N, C) what the value at each cell's centre counts at each node; a node of no cell has zeros."""
     n, corners = mesh.cells.shape[1], mesh.points[mesh.cells]
     ends = n * np.arange(len(mesh.cells) + 1)
     touches = scipy.sparse.csr_matrix((np.ones(mesh.cells.size), mesh.cells.ravel(), ends), shape=(len(mesh.cells), len(mesh.points)))
@@ -110,6 +110,7 @@ def recovery(mesh: Mesh) -> scipy.sparse.csr_matrix:
     apart = away - middle[node]
     own = corners - centre[:, None]
     size = mean((np.einsum("cni,cnj->cij", own, own) / n)[cell])  # (N, 3, 3) spread of the nodes of the cells
+    size[:, mesh.dimension:, mesh.dimension:] = np.eye(3 - mesh.dimension)
     size[np.bincount(node, minlength=len(mesh.points)) == 0] = np.eye(3)
     unit = np.linalg.inv(np.linalg.cholesky(size))
     spread, axes = np.linalg.eigh(unit @ mean(apart[:, :, None] * apart[:, None, :]) @ unit.transpose(0, 2, 1))

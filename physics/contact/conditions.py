@@ -50,8 +50,8 @@ class ContactSurface:
     def __init__(self, mesh: Mesh, kind: str, held: NDArray[np.bool_], width: float = np.inf) -> None:
         """Args: kind "facets" or "nodes"; held (N,): not in contact; width: smallest of the obstacle [m].
 
-        A quadrilateral has nine points, a triangle six and the side of a plane cell three, or, where the longest facet is longer than the obstacle is wide, so many
-        more that two points are nowhere further apart along an edge than half of the width.
+        A quadrilateral has nine points, a triangle six and the side of a plane cell three, or, where the longest facet is longer than
+        the obstacle is wide, so many more that two points are nowhere further apart along an edge than half of the width.
 
         Raises:
             InputError: the obstacle is so thin that it could pass between the points

@@ -23,6 +23,8 @@ from physics.contact.obstacles import Rigid
 from physics.mesh.build import across
 from physics.mesh.mesh import Mesh
 from physics.scene import Load, Scene
+from physics.scene.plane import check_plane
+from physics.scene.rules import is_plane
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -52,6 +54,8 @@ class Balance:
         Raises:
             InputError: the body is free to move, or the obstacle starts inside of it
         """
+        if mesh.dimension == 2:
+            check_plane(scene)
         mesh = across(mesh, scene.body)
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.fixed, self.moves = held(scene, mesh), Moves(scene, mesh)
@@ -171,6 +175,8 @@ class Balance:
 def cells_said(scene: Scene) -> str:
     """What a body is meshed with, in words."""
     element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
+    if is_plane(scene.body):
+        element += f", plane {scene.body.plane or 'strain'}, {scene.body.thickness or 1.0:g} m thick"
     return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of first order{element}"
 
 

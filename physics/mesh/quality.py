@@ -171,7 +171,8 @@ def scaled_jacobian(points: ArrayLike, cells: Integers, cell: str) -> Floats:
     As VTK's and Verdict's (Stimpson et al. 2007), which for a hexahedron look at its centre as well.
     """
     positions = np.asarray(points, np.float64)
-    vertices = np.arange(cells.shape[1]) if cell not in ("triangle", "tetrahedron") else np.zeros(cells.shape[1], int)  # det J is the same everywhere
+    even = cell in ("triangle", "tetrahedron")  # det J is the same everywhere
+    vertices = np.zeros(cells.shape[1], int) if even else np.arange(cells.shape[1])
     corners = _by_frame(list(_jacobians(positions, cells, cell, vertices)), positions)  # (n, ..., C)
     squared = _squared_edges(positions, cells, cell)
     lengths = [np.sqrt(np.prod([squared[e] for e, edge in enumerate(CELLS[cell].edges) if vertex in edge], axis=0))
