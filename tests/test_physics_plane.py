@@ -88,6 +88,8 @@ def test_a_slice_of_a_solid_that_is_held_across_moves_as_the_plane_body():
         "material": {"young_modulus": 1e6, "poisson_ratio": 0.3}, "steps": {"count": 4},
         "support": [{"where": "x-min"}, {"where": "z-min", "fixed": "z"}, {"where": "z-max", "fixed": "z"}]})
     one, other = solve(flat), solve(solid)
+    assert "one cell thick along z and held across" in other.model["plane"] and "thickness = 0.015" in other.model["plane"]
+    assert "plane" not in one.model and one.model["material"].endswith("plane strain, 0.015 m thick")
     base = np.flatnonzero(other.mesh.points[:, 2] == 0)
     base = base[np.lexsort((other.mesh.points[base, 1], other.mesh.points[base, 0]))]
     assert np.array_equal(other.mesh.points[base], one.mesh.points)

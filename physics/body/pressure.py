@@ -49,7 +49,7 @@ def _tangents(points: Floats, corners: Integers, thickness: float) -> Floats:
     return tangent
 
 
-def pressure_force(points: Floats, facets: list[Integers], pressure: float, thickness: float) -> Floats:
+def pressure_force(points: Floats, facets: list[Integers], pressure: float, thickness: float = 1.0) -> Floats:
     """(N, 3) nodal forces [N] of a pressure [Pa] on facets with their corners at points (N, 3), outward by the right-hand rule."""
     force = np.zeros_like(points)
     for corners in facets:
@@ -60,7 +60,7 @@ def pressure_force(points: Floats, facets: list[Integers], pressure: float, thic
     return force
 
 
-def pressure_stiffness(points: Floats, corners: Integers, pressure: float, thickness: float) -> Floats:
+def pressure_stiffness(points: Floats, corners: Integers, pressure: float, thickness: float = 1.0) -> Floats:
     """(F, 3 k, 3 k) the symmetric part of -df/dx of some facets (F, k) [N/m]."""
     weight, shape, slope = POINTS[corners.shape[1]]
     tangent = _tangents(points, corners, thickness)

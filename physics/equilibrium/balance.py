@@ -186,3 +186,14 @@ def contact_said(scene: Scene) -> str:
         return "none: the scene has no obstacle"
     points = "points of the surface facets" if scene.obstacle.contact == "facets" else "surface nodes"
     return f"frictionless at {points}, rigid {scene.obstacle.shape}; nothing is solved before it touches"
+
+
+def could_be_plane(balance: Balance) -> dict[str, str]:
+    """A word on a solid body that is a slice one cell thick and held across: a plane one would do."""
+    mesh = balance.mesh
+    for axis in range(mesh.dimension if mesh.dimension == 3 else 0):
+        levels = np.unique(mesh.points[:, axis].round(12))
+        if len(levels) == 2 and balance.fixed[:, axis].all() and not balance.moves.at(1.0)[:, axis].any():
+            return {"plane": f"the body is one cell thick along {'xyz'[axis]} and held across: as a plane body (plane = \"strain\", "
+                             f"thickness = {np.ptp(levels):g}) it has half as many unknowns"}
+    return {}
