@@ -73,7 +73,7 @@ def poses(trajectory: Trajectory) -> NDArray[np.float64] | None:
 def centres(scene: Scene, frames: int) -> NDArray[np.float64]:
     """(frames, K, 3) [m] where the centres of a scene's K obstacles are in its first frames."""
     rigid = [Rigid(obstacle) for obstacle in scene.obstacles]
-    return np.array([[one.position(step / scene.steps.count) for one in rigid] for step in range(frames)])
+    return np.array([[one.position(step / scene.steps.count) for one in rigid] for step in range(frames)]).reshape(frames, len(rigid), 3)
 
 
 def numbered(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
