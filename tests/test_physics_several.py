@@ -190,8 +190,8 @@ def test_each_point_sees_its_own_obstacle():
 
 @pytest.mark.parametrize("second, words", [
     ({"shape": "sphere", "radius": 1e-4, "path": [[0.05, 0.01, -0.001]]}, "obstacle[1]: 0.0002 m wide, it is smaller than 1/8 of a cell"),
-    ({"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.0]]}, "obstacle.path: the obstacle starts 0.01 m inside the body"),
-    ({"shape": "sphere", "radius": 0.01, "path": [[0, 0, -1], [0, 0, -1000]]}, "obstacle.path: its length is 1e+05 times")])
+    ({"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.0]]}, "obstacle[1].path: the obstacle starts 0.01 m inside the body"),
+    ({"shape": "sphere", "radius": 0.01, "path": [[0, 0, -1], [0, 0, -1000]]}, "obstacle[1].path: its length is 1e+05 times")])
 def test_one_that_cannot_be_is_refused(second, words):
     with pytest.raises(InputError) as caught:
         solve(scene(sphere(1), second))

@@ -137,19 +137,21 @@ class Balance:
         return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(np.ptp(self.mesh.points, axis=0).min())
 
     def stride(self, start: float, end: float) -> float:
-        """How far the obstacle moves between two fractions of the loading, over what is safe for one step; of several the farthest.
+        """How far the obstacle moves between two fractions of the loading, over what is safe for one step; of several the farthest."""
+        return max(self._strides(start, end), default=0.0)
+
+    def _strides(self, start: float, end: float) -> list[float]:
+        """That of each obstacle.
 
         An obstacle that moves by half of its own width, or of the body's, could pass through without touching at either end.
         """
-        if self.contact is None:
-            return 0.0
         strides = []
-        for obstacle in self.contact.obstacle.each:
+        for obstacle in self.contact.obstacle.each if self.contact is not None else ():
             between = np.unique([start, *obstacle.reached, end])
             way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
             safe = min(obstacle.width, float(np.ptp(self.mesh.points, axis=0).min())) / 2
             strides.append(float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe)
-        return max(strides)
+        return strides
 
     def _check(self) -> None:
         if not self.scene.steps.dynamic and (self.contact is not None or self.loaded):
@@ -165,13 +167,20 @@ class Balance:
             if strength > STRONGEST * modulus:
                 raise InputError(f"load[{i}]: {strength:.2g} Pa are {strength / modulus:.2g} times Young's modulus; at most "
                                  f"{STRONGEST:g} times")
-        far, allowed = self.stride(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
+        strides, allowed = self._strides(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
+        far = max(strides, default=0.0)
         if far > allowed:
-            raise InputError(f"obstacle.path: its length is {far:.2g} times what the obstacle may move at once (half of its own width "
+            raise InputError(f"{self._named(strides.index(far))}.path: its length is {far:.2g} times what the obstacle may move at once (half of its own width "
                              f"or of the body's); at most {allowed:g} times, or as many as there are steps")
         inside = -self.clearance(0.0)
-        if inside > GAP_TOLERANCE * self.size:
-            raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
+        if self.contact is not None and inside > GAP_TOLERANCE * self.size:
+            points = self.contact.surface.positions(self.mesh.points)
+            which = int(np.argmin([rigid.gap(points, rigid.position(0.0))[0].min() for rigid in self.contact.obstacle.each]))
+            raise InputError(f"{self._named(which)}.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
+
+    def _named(self, obstacle: int) -> str:
+        """An obstacle by its number, as it stands in the scene file."""
+        return f"obstacle[{obstacle}]" if isinstance(self.scene.obstacle, tuple) else "obstacle"
 
 
 def cells_said(scene: Scene) -> str:
