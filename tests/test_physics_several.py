@@ -75,7 +75,8 @@ def test_one_that_never_touches_changes_nothing(first, how):
 def test_of_two_far_apart_small_strain_is_the_sum():
     """A slab on the ground, which spreads a load over about its height: ten of these apart."""
     slab = {"body": {"length": 0.3, "width": 0.02, "height": 0.02, "cells": [30, 2, 2], "cell": "hexahedron"},
-            "material": {"law": "linear", "young_modulus": 1e6, "poisson_ratio": 0.3}, "support": [{"where": "z-min"}], "steps": {"count": 2}}
+            "material": {"law": "linear", "young_modulus": 1e6, "poisson_ratio": 0.3}, "support": [{"where": "z-min"}],
+            "steps": {"count": 2}}
     left, right = sphere(1, x=0.05, depth=2e-4), sphere(1, x=0.25, depth=3e-4)
     both, one, other = solve(scene(left, right, **slab)), solve(scene(left, **slab)), solve(scene(right, **slab))
     summed = one.displacement[-1] + other.displacement[-1]

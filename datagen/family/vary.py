@@ -67,6 +67,8 @@ def load_variation(scene: str | Path | dict[str, Any], vary: Sequence[str] = (),
 
 
 def _of(table: dict[str, Any], vary: list[str], path: Path, seed: int) -> Variation:
+    if isinstance(table.get("obstacle"), list):
+        raise InputError("one body under many obstacles has one at a time: give [obstacle] in place of [[obstacle]]")
     change(table, vary, "--vary")
     places = list(_ranges(table, ""))
     if table.get("case"):
@@ -78,8 +80,6 @@ def _of(table: dict[str, Any], vary: list[str], path: Path, seed: int) -> Variat
     if not places:
         raise InputError("nothing varies: give --vary KEY=LOW:HIGH, such as --vary obstacle.radius=0.01:0.02")
     family = Family(str(table.get("name", path.stem)), tomli_w.dumps(table), table, Splits(), path.parent)
-    if isinstance(table.get("obstacle"), list):
-        raise InputError("one body under many obstacles has one at a time: give [obstacle] in place of [[obstacle]]")
     return Variation(family, draw(family, seed, 0), tuple(places))
 
 

@@ -170,8 +170,8 @@ class Balance:
         strides, allowed = self._strides(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
         far = max(strides, default=0.0)
         if far > allowed:
-            raise InputError(f"{self._named(strides.index(far))}.path: its length is {far:.2g} times what the obstacle may move at once (half of its own width "
-                             f"or of the body's); at most {allowed:g} times, or as many as there are steps")
+            raise InputError(f"{self._named(strides.index(far))}.path: its length is {far:.2g} times what the obstacle may move at once "
+                             f"(half of its own width or of the body's); at most {allowed:g} times, or as many as there are steps")
         inside = -self.clearance(0.0)
         if self.contact is not None and inside > GAP_TOLERANCE * self.size:
             points = self.contact.surface.positions(self.mesh.points)
