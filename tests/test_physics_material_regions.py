@@ -116,7 +116,8 @@ def test_a_bar_of_two_materials_swings_along_itself_at_the_roots_of_its_equation
     thin = 0.002  # else shear across it is among the first
     everywhere = {"box": [[0, 0, 0], [L, thin, thin]]}
     given = scene(material(one[0], ALONG, density=one[1]), material(other[0], density=other[1]),
-                  body={"length": L, "width": thin, "height": thin, "cells": [160 // order**2, 1, 1], "cell": cell, "order": order, "element": element},
+                  body={"length": L, "width": thin, "height": thin, "cells": [160 // order**2, 1, 1], "cell": cell, "order": order,
+                        "element": element},
                   support=[{"where": "x-min"}, {"where": everywhere, "fixed": "yz"}])
     found = elastic_modes(given, count=3)
     assert found.frequencies_hz == pytest.approx(roots[:3], rel=1e-3 if order == 1 else 1e-5)

@@ -18,7 +18,7 @@ Legend: N nodes, Q points.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg
@@ -27,11 +27,10 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from physics.contact.obstacles import Rigid
+from physics.contact.several import Rigids
 from physics.mesh.mesh import Mesh
+from physics.scene import Obstacle
 from physics.schema import InputError
-
-if TYPE_CHECKING:
-    from physics.contact.several import Rigids
 
 Floats = NDArray[np.float64]
 
@@ -83,6 +82,14 @@ class ContactSurface:
     def positions(self, x: Floats) -> Floats:
         """(Q, 3) positions of the points for nodes at (N, 3)."""
         return self.weights @ x
+
+
+class Surfaces(ContactSurface):
+    """The points of several surfaces, one after the other."""
+
+    def __init__(self, each: Sequence[ContactSurface]) -> None:
+        self.weights = scipy.sparse.vstack([surface.weights for surface in each], format="csr")
+        self.area = np.concatenate([surface.area for surface in each])
 
 
 def _points(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
@@ -192,6 +199,25 @@ class Contact:
     def zone(self, u: Floats, centre: Floats, reach: float) -> Zone:
         """The points whose gap is below a reach [m]."""
         return Zone(self, u, centre, reach)
+
+
+def contact_of(obstacles: Sequence[Obstacle], mesh: Mesh, held: NDArray[np.bool_], stiffness: Floats | float) -> Contact | None:
+    """Contact with the obstacles of a scene; None where there are none.
+
+    Args: held (N,): not in contact; stiffness k [Pa/m], one or at each node (N,). Raises `InputError` as `ContactSurface` does.
+    """
+    if not obstacles:
+        return None
+    rigid, surfaces = [Rigid(obstacle) for obstacle in obstacles], []
+    for i, (obstacle, one) in enumerate(zip(obstacles, rigid, strict=True)):
+        try:
+            surfaces.append(ContactSurface(mesh, obstacle.contact, held, one.width))
+        except InputError as error:
+            raise InputError(str(error).replace("obstacle:", f"obstacle[{i}]:", 1) if len(rigid) > 1 else str(error)) from None
+    surface = surfaces[0] if len(rigid) == 1 else Surfaces(surfaces)
+    at_points = surface.weights @ stiffness if isinstance(stiffness, np.ndarray) else stiffness
+    of = np.repeat(np.arange(len(rigid)), [len(one.area) for one in surfaces])
+    return Contact(surface, rigid[0] if len(rigid) == 1 else Rigids(rigid, of), mesh.points, at_points)
 
 
 class Zone:

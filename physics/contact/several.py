@@ -11,14 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
 
-from physics.contact.conditions import Contact, ContactSurface
 from physics.contact.obstacles import Rigid
-from physics.mesh.mesh import Mesh
-from physics.scene import Obstacle
-from physics.schema import InputError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -64,30 +59,3 @@ class Rigids:
     def sums(self, force: Floats, normal: Floats) -> Floats:
         """(K, 3) of each obstacle the sum of forces (Q,) along normals (Q, 3)."""
         return np.array([force[self._of == k] @ normal[self._of == k] for k in range(len(self.each))])
-
-
-class Surfaces(ContactSurface):
-    """The points of several surfaces, one after the other."""
-
-    def __init__(self, each: Sequence[ContactSurface]) -> None:
-        self.weights = scipy.sparse.vstack([surface.weights for surface in each], format="csr")
-        self.area = np.concatenate([surface.area for surface in each])
-
-
-def contact_of(obstacles: Sequence[Obstacle], mesh: Mesh, held: NDArray[np.bool_], stiffness: Floats | float) -> Contact | None:
-    """Contact with the obstacles of a scene; None where there are none.
-
-    Args: held (N,): not in contact; stiffness k [Pa/m], one or at each node (N,). Raises `InputError` as `ContactSurface` does.
-    """
-    if not obstacles:
-        return None
-    rigid, surfaces = [Rigid(obstacle) for obstacle in obstacles], []
-    for i, (obstacle, one) in enumerate(zip(obstacles, rigid, strict=True)):
-        try:
-            surfaces.append(ContactSurface(mesh, obstacle.contact, held, one.width))
-        except InputError as error:
-            raise InputError(str(error).replace("obstacle:", f"obstacle[{i}]:", 1) if len(rigid) > 1 else str(error)) from None
-    surface = surfaces[0] if len(rigid) == 1 else Surfaces(surfaces)
-    at_points = surface.weights @ stiffness if isinstance(stiffness, np.ndarray) else stiffness
-    of = np.repeat(np.arange(len(rigid)), [len(one.area) for one in surfaces])
-    return Contact(surface, rigid[0] if len(rigid) == 1 else Rigids(rigid, of), mesh.points, at_points)

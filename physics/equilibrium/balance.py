@@ -19,8 +19,7 @@ from physics.body.material import cellwise
 from physics.body.pressure import Pressed
 from physics.body.schedule import Moves, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
-from physics.contact.conditions import CONTACT_STIFFNESS, cell_size
-from physics.contact.several import contact_of
+from physics.contact.conditions import CONTACT_STIFFNESS, cell_size, contact_of
 from physics.mesh.mesh import Mesh
 from physics.scene import Load, Scene
 from physics.schema import InputError
