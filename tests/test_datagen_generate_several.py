@@ -75,6 +75,7 @@ def test_each_is_drawn_and_placed_and_the_file_holds_the_whole_scene(one):
 
 def test_both_surfaces_move_each_on_its_own_path(one):
     scene, (points, triangles) = Scene.from_toml(one.scene), one.obstacle
+    assert np.array_equal(np.unique(triangles), np.arange(points.shape[1]))
     upper = points[0, :, 2].copy() > 0.01
     assert upper.any() and not upper.all() and (upper[triangles].all(axis=1) | ~upper[triangles].any(axis=1)).all()
     for mine, obstacle in zip((upper, ~upper), scene.obstacles, strict=True):

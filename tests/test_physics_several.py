@@ -8,6 +8,9 @@ from scipy.spatial import cKDTree
 
 from physics.contact.obstacles import Rigid
 from physics.contact.several import Rigids
+from physics.equilibrium.balance import Balance
+from physics.equilibrium.newton import Newton
+from physics.equilibrium.state import State
 from physics.fidelity.verify import Checker, verify
 from physics.modes.elastic import elastic_modes
 from physics.scene import read_scene
@@ -100,6 +103,19 @@ def test_multigrid_finds_the_same(squeezed):
     assert other.model["factor"].startswith("none: conjugate gradients")
     assert np.allclose(other.displacement, found.displacement, atol=1e-5 * DEPTH, rtol=0)
     assert other.reactions[-1] == pytest.approx(found.reactions[-1], rel=1e-5, abs=1e-4)
+
+
+def test_how_exactly_a_step_is_solved_is_measured_by_both_reactions(squeezed):
+    """Their sum is zero, of which no share could be asked for."""
+    given, found = squeezed
+    newton = Newton(Balance(given, found.mesh))
+    felt = newton.pressing(newton.equilibrium(1.0, found.displacement[-1], State(0.9, found.displacement[-1], newton_forces(newton))))
+    assert felt.reaction == pytest.approx(2 * found.reactions[-1, 0, 2], rel=1e-5)
+
+
+def newton_forces(newton):
+    """No contact forces yet."""
+    return np.zeros(len(newton.balance.contact.surface.area))
 
 
 def test_its_own_path_its_own_shape_and_its_own_points_of_contact():
