@@ -197,6 +197,27 @@ class Rigid:
         """The smallest extent [m]; infinite for a half-space."""
         return self.shape.width
 
+    @property
+    def each(self) -> tuple[Rigid, ...]:
+        """This one, as the only one; these five are what several have as well (several.py)."""
+        return (self,)
+
+    def among(self, points: NDArray[np.int64]) -> Rigid:
+        """The obstacle of some points: this one."""
+        return self
+
+    def offset(self, points: Floats, centre: Floats) -> Floats:
+        """(Q, 3) points seen from the centre."""
+        return points - centre
+
+    def along(self, normal: Floats, vector: Floats) -> Floats:
+        """(Q,) parts of a vector (3,) along normals (Q, 3)."""
+        return normal @ vector
+
+    def sums(self, force: Floats, normal: Floats) -> Floats:
+        """(1, 3) the sum of forces (Q,) along normals (Q, 3)."""
+        return (force @ normal)[None]
+
     def position(self, fraction: float) -> Floats:
         """(3,) centre [m] at a fraction 0 .. 1 of the steps; between way-points on a straight line."""
         return np.array([np.interp(fraction, self.reached, component) for component in self.path.T])
