@@ -248,7 +248,7 @@ def test_a_smooth_stretch_has_one_pose_more_and_a_bent_one_is_halved(monkeypatch
         estimator, press, solved, asked = refining(monkeypatch, value)
         found = {frame: solved(frame) for frame in part.tolist()}
         for one, other in pairwise(part.tolist()):
-            estimator._refine(press, one, other, part, found)
+            estimator._refine(press, one, other, part, found, 3)
         assert len(asked) == len(set(asked)) and set(asked) <= expected
         assert {8, 24, 40, 56} <= set(asked)
         if max(expected) == 62:  # halved three times about the bend, and not in the first stretch's ends
