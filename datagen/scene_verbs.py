@@ -202,7 +202,7 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
               **({"obstacle": trajectory.per_frame["obstacle"][1:].tolist()} if "obstacle" in trajectory.per_frame else {}),
               "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
-              "resumed_after_step": solution.resumed, "remarks": list(solution.mesh.remarks)}
+              "resumed_after_step": solution.resumed, "remarks": [*solution.mesh.remarks, *solution.stiff(scene)]}
     say(f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
         f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
     for what, why in result["model"].items():
