@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
 from physics.body.pressure import Pressed
-from physics.body.schedule import Moves, scheduled, share
+from physics.body.schedule import Moves, largest_share, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
 from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
@@ -152,8 +152,8 @@ class Balance:
             raise InputError("support: every node of the body is held in every direction, so nothing is left to move; hold less of it")
         extent, modulus = float(np.ptp(self.mesh.points, axis=0).max()), self.scene.material.young_modulus
         for i, load in enumerate(self.scene.load if self.scene.material.law != "linear" else ()):
-            push = load.traction or tuple(self.scene.material.density * extent * a for a in load.acceleration or ())
-            strength = float(np.linalg.norm(push))
+            push = load.traction or (load.pressure or 0.0, *(self.scene.material.density * extent * a for a in load.acceleration or ()))
+            strength = float(np.linalg.norm(push)) * largest_share(load)
             if strength > STRONGEST * modulus:
                 raise InputError(f"load[{i}]: {strength:.2g} Pa are {strength / modulus:.2g} times Young's modulus; at most "
                                  f"{STRONGEST:g} times")
