@@ -49,7 +49,7 @@ def generate(options: Options) -> dict[str, Any]:
     if options.out is None:
         raise InputError("--out: give the folder, or --dry-run to see what would be made")
     result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers,
-                 cluster=options.cluster, tls=options.tls, time_limit=options.time_limit)
+                 cluster=options.cluster, tls=options.tls, time_limit=options.time_limit, stress=bool(options.fields))
     _say(options, ", ".join(f"{key} {value}" for key, value in result.items()) + f": {options.out}")
     return result
 
@@ -226,6 +226,7 @@ def _parser() -> argparse.ArgumentParser:
                                                             "network, tls:// for any")
     add("--tls", nargs=3, default=(), metavar=("CA", "CERT", "KEY"), help="for tls://, files of the authority's certificate, ours, its key")
     add("--time-limit", type=float, default=math.inf, metavar="S", help="seconds for one scene, then another is drawn (none)")
+    add("--fields", choices=("stress",), help="stress: also the stress tensor and von Mises stress at the nodes, in all frames")
     add("--dry-run", action="store_true", help="only draw the scenes: what the set will be like")
     data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
     add_data_verbs(lambda name, about, *positional: verb(name, of_data, *positional, about=about, into=data), _positive, _count, _seed)

@@ -178,6 +178,9 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     with tqdm(total=scene.steps.count, disable=True if rank else None, desc="simulate", unit="step") as bar:
         solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part if processes == 1 else None,
                          spread=processes > 1, partial=True)
+    if (largest := float(abs(solution.displacement).max())) > np.finfo(np.float32).max:
+        part.unlink(missing_ok=True)
+        raise WorkError(f"the body moves by up to {largest:.3g} m, and a file holds numbers up to 3.4e+38; nothing is written")
     trajectory = trajectory_of(scene, solution=solution)
     if rank == 0:
         if options.fields:
