@@ -71,15 +71,11 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 def verify(options: Options) -> dict[str, Any]:
     """Any prediction in the trajectory format, or a folder of them, held against its reference and against the equations."""
-    from datagen.files.places import remarks_on_file
     from datagen.files.prediction import lines, verify_files
-    from datagen.files.trajectory import read_trajectory
 
     result = verify_files(options.prediction, options.reference, _writable(options.out))
     for line in lines(result):
         _say(options, line)
-    for remark in remarks_on_file(read_trajectory(options.reference).extra) if Path(options.reference).is_file() else ():
-        _say(options, f"remark: {remark}")
     return result
 
 
