@@ -163,6 +163,8 @@ def _pairs(prediction: Path, reference: Path) -> list[tuple[str, Path, Path]]:
     """Name, prediction and truth of what belongs together. Raises `InputError`."""
     if not (prediction.is_dir() or reference.is_dir()):
         return [(prediction.stem, prediction, reference)]
+    if missing := [path for path in (prediction, reference) if not path.exists()]:
+        raise InputError(f"{missing[0]}: no such file or folder")
     if not (prediction.is_dir() and reference.is_dir()):
         one, other = (prediction, reference) if prediction.is_dir() else (reference, prediction)
         raise InputError(f"{one} is a folder and {other} is not one: give two files, or two folders with files of the same names")
