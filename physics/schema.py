@@ -178,8 +178,9 @@ def _value(hint: Any, value: Any, where: str) -> Any:
     value = _plain(value)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (types.UnionType, typing.Union):
-        tables = (a for a in arguments if isinstance(value, dict) and dataclasses.is_dataclass(a))
-        return _value(next((a for a in arguments if a is type(value)), next(tables, arguments[0])), value, where)
+        alike = (a for a in arguments if a is type(value) or (isinstance(value, dict) and dataclasses.is_dataclass(a))
+                 or (isinstance(value, list) and typing.get_origin(a) is tuple))
+        return _value(next(alike, arguments[0]), value, where)
     if dataclasses.is_dataclass(hint):
         return read_table(hint, value, where)  # type: ignore[arg-type]
     if origin is tuple:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from physics.fidelity.verify import Checker, as_table, verify
+from physics.mesh.shapes.boxes import rectangle
+from physics.scene import Body
 from tests.bars import HX, HY, HZ, LAMBDA, MU, ORIGIN, bar, node_at, stress
 
 # Frames 0 .. 61; a free node is off by AMOUNT (2, 3, 6) um, of length 7, a held one by HELD (1, -2, 2) um, of length 3.
@@ -226,3 +228,17 @@ def test_one_step_of_a_path_that_has_not_begun_to_move_is_no_number():
     assert np.isnan(figures.rmse_1) and np.isnan(figures.rmse_1_pooled) and figures.rmse_all == 0
     assert verify(truth, truth, **how).rmse_1 == 0 and truth[1, plane > 0].any()
     assert verify(late, late, one_step=late[1:], **how).rmse_1 == 0
+
+
+@pytest.mark.parametrize("cell, continuity", [("triangle", True), ("quadrilateral", False)])
+def test_of_plane_cells_a_cloths_quadrilaterals_have_no_continuity_and_none_has_a_volume(cell, continuity):
+    """The second of two squares becomes a tenth longer, which the truth does not."""
+    mesh = rectangle(Body(shape="plate", length=2.0, width=1.0, cells=(2, 1), cell=cell))
+    moved = np.zeros((2, len(mesh.points), 3))
+    moved[1, mesh.points[:, 0] == 2.0, 0] = 0.1
+    found = verify(moved, np.zeros_like(moved), scene=None, mesh=mesh, free=np.ones(len(mesh.points), bool))
+    assert [bool(np.isfinite(found.mc)), bool(np.isfinite(found.ar))] == [continuity] * 2 and np.isnan(found.smallest_det_f)
+    if continuity:
+        # Four triangles in a row, of 0.5, 0.5, 0.55 and 0.55 m2: the inner two have a neighbour 1.1 times as large or small.
+        assert found.mc == pytest.approx((0 + 0.1 + 0.1 + 0) / 4, rel=1e-6)
+    assert found.gf_h == pytest.approx(0.1)

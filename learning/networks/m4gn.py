@@ -49,8 +49,8 @@ class M4GNConfig:
     """Sizes of the network, the paper's by default, and its arithmetic.
 
     hidden: width of every layer
-    message_steps: how often neighbours talk
-    transformer_layers: in which segments talk
+    message_steps: message-passing steps
+    transformer_layers: of attention between segments
     heads: of each of these, a divisor of hidden
     walk: steps of the encodings' longest walk, 0 for none
     precision: of matrix products

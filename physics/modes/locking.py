@@ -13,11 +13,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.body.material import lame
+from physics.body.material import by_region, lame
 from physics.mesh.cell import CELLS, GAUSS, TRIANGLE
 from physics.mesh.mesh import Mesh
 from physics.mesh.sound.cells import PLACE
-from physics.scene import Material, Scene
+from physics.scene import Material, Materials, Scene
 
 Floats = NDArray[np.float64]
 TOLD = 0.05  # of a frequency, which is 10 % of the stiffness
@@ -46,7 +46,7 @@ def said_of_path(scene: Scene, mesh: Mesh, displacement: Floats, energy: Floats,
     step = int(np.argmax(energy))
     if not energy[step] > 0 or not _may_lock(scene):
         return ()
-    finite = scene.material.law != "linear" and step > linear
+    finite = not scene.linear and step > linear
     stiff = too_stiff(mesh, displacement[step], scene.material, scene.body.element, finite=finite)
     if (1 + stiff) ** 0.5 - 1 < TOLD:
         return ()
@@ -56,12 +56,12 @@ def said_of_path(scene: Scene, mesh: Mesh, displacement: Floats, energy: Floats,
             f"or pushes back too hard; take smaller cells{other}",)
 
 
-def too_high(mesh: Mesh, shape: Floats, material: Material, element: str = "standard") -> float:
+def too_high(mesh: Mesh, shape: Floats, material: Materials, element: str = "standard") -> float:
     """By what share of itself a mode's frequency is too high, about; shape (N, 3) of a body of first order."""
     return float((1 + too_stiff(mesh, shape, material, element)) ** 0.5 - 1)
 
 
-def too_stiff(mesh: Mesh, shape: Floats, material: Material, element: str = "standard", *, finite: bool = False) -> float:
+def too_stiff(mesh: Mesh, shape: Floats, material: Materials, element: str = "standard", *, finite: bool = False) -> float:
     """By what share of itself a body of first order is too stiff in a motion (N, 3), about; 0 where that is rigid.
 
     A plane body counts as one without strain across it. Args: finite: strain is Green's, not that of small displacements
@@ -71,34 +71,36 @@ def too_stiff(mesh: Mesh, shape: Floats, material: Material, element: str = "sta
     d = mesh.dimension
     x, u = mesh.points[:, :d], shape[:, :d]
     (_, near), (values, slopes) = _shapes(mesh.cell, at), _shapes(mesh.cell, points)
-    parts = np.array_split(mesh.cells, len(mesh.cells) // CHUNK + 1)
-
-    mean, total = np.zeros((len(mesh.points), d, d)), np.zeros(len(mesh.points))
-    for cells in parts:
-        (strain, size), (inner, inner_size) = (_strains(of, x[cells], u[cells], finite) for of in (near, slopes))
-        if element == "mean-dilatation":
-            strain = _dilated(strain, _dilatation(inner, inner_size * weights))
-        volume = size.mean(axis=1)[:, None]
-        np.add.at(mean, cells, strain * volume[..., None, None])
-        np.add.at(total, cells, volume)
-    mean /= total[:, None, None]
-    if abs(mean).max(initial=0) * np.ptp(x) <= RIGID * abs(u).max(initial=0):
+    whole = jumps = most = 0.0
+    for own, chosen in by_region(material, mesh):  # between materials strain may jump
+        all_cells = mesh.cells[chosen]
+        parts = np.array_split(all_cells, len(all_cells) // CHUNK + 1)
+        mean, total = np.zeros((len(mesh.points), d, d)), np.zeros(len(mesh.points))
+        for cells in parts:
+            (strain, size), (inner, inner_size) = (_strains(of, x[cells], u[cells], finite) for of in (near, slopes))
+            if element == "mean-dilatation":
+                strain = _dilated(strain, _dilatation(inner, inner_size * weights))
+            volume = size.mean(axis=1)[:, None]
+            np.add.at(mean, cells, strain * volume[..., None, None])
+            np.add.at(total, cells, volume)
+        mean /= np.where(total > 0, total, 1.0)[:, None, None]
+        most = max(most, float(abs(mean).max(initial=0)))
+        for cells in parts:
+            strain, size = _strains(slopes, x[cells], u[cells], finite)
+            if element == "mean-dilatation":
+                strain = _dilated(strain, _dilatation(strain, size * weights))
+            smooth = np.einsum("pn,cnij->cpij", values, mean[cells])
+            whole += float((_density(strain, own) * size * weights).sum())
+            jumps += float((_density(strain - smooth, own) * size * weights).sum())
+    if most * np.ptp(x) <= RIGID * abs(u).max(initial=0):
         return 0.0
-    whole = jumps = 0.0
-    for cells in parts:
-        strain, size = _strains(slopes, x[cells], u[cells], finite)
-        if element == "mean-dilatation":
-            strain = _dilated(strain, _dilatation(strain, size * weights))
-        smooth = np.einsum("pn,cnij->cpij", values, mean[cells])
-        whole += float((_density(strain, material) * size * weights).sum())
-        jumps += float((_density(strain - smooth, material) * size * weights).sum())
     share = min(jumps / whole, 0.999) if whole > 0 else 0.0
     return 1 / (1 - share) - 1
 
 
 def _may_lock(scene: Scene) -> bool:
     """Whether its cells are of the kind that may be much too stiff, and the measure is for its material."""
-    return scene.body.order == 1 and scene.body.element != "reduced" and scene.material.orthotropic is None
+    return scene.body.order == 1 and scene.body.element != "reduced" and not any(material.orthotropic for material in scene.materials)
 
 
 def _rule(kind: str) -> tuple[Floats, Floats, Floats]:
@@ -111,12 +113,10 @@ def _rule(kind: str) -> tuple[Floats, Floats, Floats]:
 
 
 def _shapes(kind: str, at: Floats) -> tuple[Floats, Floats]:
-    """(P, n) first-order shape functions and (P, n, d) their gradients; of plane cells those of a prism or hexahedron at its base."""
-    if CELLS[kind].dimension == 3:
-        return CELLS[kind].shapes(at)
-    n = CELLS[kind].corners
-    values, slopes = CELLS[{3: "prism", 4: "hexahedron"}[n]].shapes(np.pad(at, ((0, 0), (0, 1))))
-    return values[:, :n], slopes[:, :n, :2]
+    """(P, n) first-order shape functions and (P, n, d) their gradients."""
+    d = CELLS[kind].dimension
+    values, slopes = CELLS[kind].shapes(np.pad(at, ((0, 0), (0, 3 - d))))
+    return values, slopes[:, :, :d]
 
 
 def _strains(slopes: Floats, x: Floats, u: Floats, finite: bool) -> tuple[Floats, Floats]:
