@@ -26,6 +26,7 @@ from physics.journal import Journal, flatten, unflatten
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
+from physics.modes.locking import said_of_path
 from physics.motion.dynamics import Motion
 from physics.scene import Scene, Steps
 from physics.schema import InputError
@@ -67,6 +68,10 @@ class Solution:
     def smallest_det_f(self) -> Floats:
         """(T,) smallest det F of all cells, as in `mesh.quality.det_f`."""
         return smallest_det_f(self.mesh.points, self.displacement, self.mesh.cells, self.mesh.cell)
+
+    def stiff(self, scene: Scene) -> tuple[str, ...]:
+        """A remark when the cells of its scene are much too stiff for what it does (modes/locking.py)."""
+        return said_of_path(scene, self.mesh, self.displacement, self.energy, self.linear_steps)
 
 
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,

@@ -141,6 +141,7 @@ def test_folders_are_held_against_each_other_by_the_names_of_their_files(truth, 
     for one, other, words in (("mine", "data", "holds several files of the name a.vtkhdf"), ("data", "mine", "holds no file"),
                               ("mine", "truth.vtkhdf", "mine is a folder and .*truth.vtkhdf is not one"),
                               ("truth.vtkhdf", "mine", "mine is a folder and .*truth.vtkhdf is not one"),
+                              ("nowhere", "mine", "nowhere: no such file or folder"), ("mine", "nowhere", "no such file or folder"),
                               ("empty", "mine", "no trajectory files")):
         (tmp_path / "empty").mkdir(exist_ok=True)
         if other == "mine" and one == "data":

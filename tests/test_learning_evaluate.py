@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datagen.files.inputs import predicted
 from datagen.files.trajectory import write_trajectory
 from datagen.sets.generate import trajectory_of
 from learning.config import TrainConfig
@@ -87,17 +88,26 @@ def small_config() -> TrainConfig:
 
 def test_evaluate_writes_the_whole_folder(tmp_path):
     file = tmp_path / "beam.vtkhdf"
-    write_trajectory(file, trajectory_of(pressed()))
+    trajectory = trajectory_of(pressed())
+    write_trajectory(file, trajectory)
     train(small_config(), [file], [file], tmp_path / "run")
+    (tmp_path / "mine").mkdir()
+    short = np.where(trajectory.free[:, None], np.float32(0.9) * trajectory.displacement, trajectory.displacement)
+    write_trajectory(tmp_path / "mine" / "beam.vtkhdf", predicted(trajectory, short[:, trajectory.body]))
     said: list[str] = []
-    result = evaluate(tmp_path / "run", [file], tmp_path / "report", say=said.append)
+    result = evaluate(tmp_path / "run", [file], tmp_path / "report", predictions=[[str(tmp_path / "mine"), "a tenth short", "2"]],
+                      say=said.append)
     names = {path.name for path in (tmp_path / "report").iterdir()}
     assert names == {"report.html", "report.md", "report.json", "table.csv", "pareto.png", "frame_beam.png"}
     rows = {row["name"]: row["scores"] for row in result["rows"]}
     coarse = ["FE, cells halved", "FE, cells halved twice"]
-    assert list(rows) == ["M4GN", "M4GN, corrected 10-fold", "nothing moves", "keep the last velocity", "quadratic extrapolation",
-                          *coarse, REFERENCE]
+    assert list(rows) == ["a tenth short", "M4GN", "M4GN, corrected 10-fold", "nothing moves", "keep the last velocity",
+                          "quadratic extrapolation", *coarse, REFERENCE]
     assert rows[REFERENCE]["rmse_all"] == 0
+    # A file of another program: a tenth of the motion is missing, in the time that was given.
+    assert rows["a tenth short"]["rmse_all"] == pytest.approx(0.1 * rows["nothing moves"]["rmse_all"], rel=1e-4)
+    assert rows["a tenth short"]["ms_per_step"] == pytest.approx(2)
+    assert "a tenth short" in (tmp_path / "report" / "report.md").read_text()
     assert rows[REFERENCE]["relative_residual"] < 1e-3  # of the 32-bit numbers in the file
     errors = [rows[name]["rmse_all"] for name in (*coarse, "nothing moves")]
     assert 0 < errors[0] < errors[1] < errors[2]

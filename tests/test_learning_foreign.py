@@ -74,6 +74,9 @@ def halves(inputs):
 def short(inputs):
     return np.zeros((2, 3))
 
+def words(inputs):
+    return [["a", 1], [2]]
+
 def hole(inputs):
     return np.full((inputs.frames, len(inputs.points), 3), np.nan)
 
@@ -112,10 +115,12 @@ def test_a_function_that_is_not_there_is_refused(module, given, words):
 
 
 def test_a_function_that_fails_says_where_in_one_line(case, module):
-    with pytest.raises(RuntimeError, match=r"^bad on a: KeyError: 'weights' \(brought.py, line 14\)$"):
+    with pytest.raises(RuntimeError, match=r"^bad on a: KeyError: 'weights' \(brought.py, line 17\)$"):
         from_function(["brought:bad"])[0].predict(case)
-    with pytest.raises(InputError, match=r"short gives shape \(2, 3\) for a: must be \(6, 45, 3\)"):
+    with pytest.raises(InputError, match=r"^short on a: displacement has shape \(2, 3\): must be \(6, 45, 3\), frames"):
         from_function(["brought:short"])[0].predict(case)
+    with pytest.raises(InputError, match="^words on a: displacement is no array of numbers: "):
+        from_function(["brought:words"])[0].predict(case)
     with pytest.raises(LeftOut, match="not finite"):
         from_function(["brought:hole"])[0].predict(case)
     with pytest.raises(InputError, match="millimetres"):

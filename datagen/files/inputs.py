@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from datagen.files.layout import displacements
 from datagen.files.trajectory import Trajectory
 from physics.contact.obstacles import Rigid
 from physics.scene import Scene
-from physics.schema import InputError
 from physics.whole import write_whole
 
 
@@ -91,10 +91,8 @@ def predicted(trajectory: Trajectory, displacement: ArrayLike, *, name: str = ""
     Raises:
         InputError: another shape
     """
-    u, body = np.asarray(displacement, np.float32), trajectory.body
-    right = (len(trajectory.displacement), int(body.sum()), 3)
-    if u.shape != right:
-        raise InputError(f"displacements of shape {u.shape}: must be {right}, frames from the rest state on, nodes of the body, x y z")
+    body = trajectory.body
+    u = displacements(displacement, len(trajectory.displacement), int(body.sum()), "nodes of the body")
     whole = trajectory.displacement.copy()
     whole[:, body] = u
     extra: dict[str, Any] = {"name": name} if name else {}

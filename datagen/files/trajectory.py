@@ -51,7 +51,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.layout import misshapen
+from datagen.files.layout import displacements, misshapen
 from datagen.files.places import Places, read_places, with_places, write_places, wrong_places
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
@@ -146,11 +146,9 @@ def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
 
 def _displacement(trajectory: Trajectory) -> NDArray[np.float32]:
     """The displacements as the file holds them. Raises `InputError` in one line that says which shape is right."""
-    u, nodes = np.asarray(trajectory.displacement), len(trajectory.points)
-    if u.ndim != 3 or not len(u) or u.shape[1:] != (nodes, 3):
-        body = int(trajectory.body.sum())
-        parts = f": those of the body ({body}) first, then those of the obstacle ({nodes - body})" if body < nodes else ""
-        raise InputError(f"displacement has shape {u.shape}: must be (T, {nodes}, 3), frames from the rest state on, nodes, x y z{parts}")
+    nodes, body = len(trajectory.points), int(trajectory.body.sum())
+    parts = f", those of the body ({body}) first, then those of the obstacle ({nodes - body})" if body < nodes else ""
+    u = displacements(trajectory.displacement, None, nodes, f"nodes{parts}")
     if holds_positions(u, trajectory.points):
         raise InputError("displacement holds positions, it seems: take the rest positions away (displacement - points)")
     return u.astype(np.float32, copy=False)

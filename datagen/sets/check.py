@@ -8,7 +8,7 @@ contact forces p >= 0 are sought that balance them (physics/fidelity/verify.py).
 The first term is what the solver was asked for. The second is what storing u costs: u is known to half a unit in its last
 place (single precision: 2^-24 |u| a component, or the tolerance of a packed set, in metres), and the d_k are that large with
 random signs. Rounding errors are uniform between these limits, so |K d| of the true ones is 1/sqrt(3) of that of the d_k on
-average; ROUNDING = 2 leaves 3.5 times the expected size. The stored reaction and energy must agree with the ones computed
+average; ROUNDING = 2 leaves 3.5 times the expected size. The stored reaction, energy and stress must agree with the ones computed
 anew within the change that the same d_k make in them.
 
 Legend: T frames, N nodes.
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.family.family import SPLITS
+from datagen.files.fields import Stress
 from datagen.files.inputs import centres, numbered
 from datagen.files.places import remarks_on_file
 from datagen.files.solved import as_solved, solved_on
@@ -143,6 +144,8 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
     count, nodes = scene.steps.count, len(mesh.points)
     release()
     checkers: dict[Scene, Checker] = {}
+    fields = [trajectory.fields[name] for name in ("stress", "von_mises") if name in trajectory.fields]
+    stresses, held_stress = (Stress(mesh, scene.material), np.concatenate(fields, axis=2)[:, :nodes]) if len(fields) == 2 else (None, None)
     blur, random = precision(trajectory)[:, :nodes], np.random.default_rng(0)
     for t in np.unique(np.linspace(count / steps, count, steps).round().astype(int)):
         solved = as_solved(scene, trajectory, t)
@@ -151,13 +154,16 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
         elasticity, fixed = balance.elasticity, balance.fixed
         u = trajectory.displacement[t, :nodes].astype(np.float64)
         found, force = checker.frame(u, t / count), elasticity.force(u)
-        lost = lost_energy = lost_reaction = 0.0
+        lost = lost_energy = lost_reaction = lost_stress = 0.0
+        stress = np.zeros((nodes, 7)) if stresses is None else stresses.at(u, solved.material)
         for _ in range(3):
             near = np.where(fixed, u, u + blur[t] * random.choice((-1.0, 1.0), u.shape))
             other = checker.frame(near, t / count)
             lost = max(lost, float(np.linalg.norm(elasticity.force(near) - force)))
             lost_energy = max(lost_energy, abs(other.energy - found.energy))
             lost_reaction = max(lost_reaction, float(np.linalg.norm(other.reactions - found.reactions)))
+            if stresses is not None:
+                lost_stress = max(lost_stress, float(abs(stresses.at(near, solved.material) - stress).max()))
         # The solver stops at its floor where rounding in f itself takes over.
         scale = max(found.push, float(np.linalg.norm(force[fixed])))
         allowed = max(TOLERANCE * scale, balance.floor) + ROUNDING * lost
@@ -174,4 +180,8 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
             # What the solver left over may be missing in the sum as well.
             if stored is not None and not np.linalg.norm(stored[t] - anew) <= allowed + ROUNDING * lost_reaction:
                 return [f"{name} {np.round(stored[t], 6).tolist()} N at step {t}, computed anew {np.round(anew, 6).tolist()} N"]
+        if held_stress is not None:
+            off = float(abs(held_stress[t] - stress).max())
+            if not off <= 2 * HALF_ULP * float(abs(stress).max()) + ROUNDING * lost_stress:
+                return [f"stress at step {t} is off by {off:.2g} Pa from that of its displacements"]
     return []

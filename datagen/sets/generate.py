@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, draw
+from datagen.files.fields import stress_fields
 from datagen.files.inputs import centres, numbered
 from datagen.files.places import mesh_file, places_of
 from datagen.files.provenance import commit, versions
@@ -50,14 +51,14 @@ class OverTime(RuntimeError):
 
 
 def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int = 0, index: int = 0,
-                  on_step: Callable[[int], None] | None = None) -> Trajectory:
+                  on_step: Callable[[int], None] | None = None, stress: bool = False) -> Trajectory:
     """The solution of a scene, computed unless given, with its first elastic mode and the obstacles' surfaces moving along.
 
     Modes within 2 % of the first frequency belong to it, as the two bending planes of a square beam do: all are kept, four at most.
 
     When the solver stops early the trajectory holds the steps before, is not `complete`, and `extra` says why under
     "failure". `extra` also holds what was modelled, the seconds it took and the number of factorisations. `on_step` is
-    called with the number of each step that is reached.
+    called with the number of each step that is reached; with `stress` that at the nodes is kept (files/fields.py).
 
     Raises:
         InputError: the scene has no solution to look for
@@ -90,7 +91,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         extra["mesh_file"] = mesh_file(scene)
     if scene.steps.dynamic and scene.steps.duration is not None:
         extra["step_seconds"] = scene.steps.duration / scene.steps.count
-    return Trajectory(
+    trajectory = Trajectory(
         points=points,
         connectivity=np.concatenate([mesh.cells.ravel(), nodes + triangles.ravel()]),
         offsets=np.concatenate([[0], np.cumsum(corners)]),
@@ -104,6 +105,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
                    **moving, **of_each},
         scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
         extra=extra, places=places_of(mesh) if from_file else None)
+    return dataclasses.replace(trajectory, fields=stress_fields(scene, solution, trajectory)) if stress else trajectory
 
 
 @dataclass(frozen=True)
@@ -116,18 +118,19 @@ class Job:
     seed: int
     index: int
     time_limit: float = math.inf  # [s] for one attempt
+    stress: bool = False
 
 
-def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_limit: float = math.inf) -> list[Job]:
+def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_limit: float = math.inf, stress: bool = False) -> list[Job]:
     """The files of a data set, in order. Raises `InputError` for a bad seed."""
     if seed < 0:
         raise InputError(f"seed = {seed}: must be at least 0")
-    return [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * LARGEST_SPLIT + number, time_limit)
+    return [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * LARGEST_SPLIT + number, time_limit, stress)
             for split, wanted in splits.items() for number in range(wanted)]
 
 
 def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: int = 0, workers: int | None = None,
-             cluster: str = "", tls: Sequence[str] = (), time_limit: float = math.inf) -> dict[str, Any]:
+             cluster: str = "", tls: Sequence[str] = (), time_limit: float = math.inf, stress: bool = False) -> dict[str, Any]:
     """Make a folder of trajectories, or what is missing of it, and its manifest.
 
     Args:
@@ -138,6 +141,7 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         tls: for one at tls://, the files of its authority's certificate, of our certificate and of its key
         time_limit: [s] for each attempt at a scene; one that takes longer counts as failed, so with a limit the set may
             depend on the machine
+        stress: keep stress at the nodes in the files, too (files/fields.py)
 
     Returns:
         the numbers of trajectories asked for, of new ones, of failed attempts at them, and the seconds it took
@@ -155,7 +159,7 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         raise InputError(f"time limit {time_limit:g} s: must be above 0")
     if cluster:  # its workers are at home elsewhere
         family = dataclasses.replace(family, folder=family.folder.absolute())
-    jobs = jobs_of(family, splits, out, seed, time_limit)
+    jobs = jobs_of(family, splits, out, seed, time_limit, stress)
     scenes = [draw(family, seed, job.index) for job in jobs]
     manifest = _open(out, family, seed)
     known = {entry.file: entry.sha256 for entry in manifest.trajectories}
@@ -213,7 +217,8 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
         release()
         try:
             scene = draw(job.family, job.seed, job.index, attempt)
-            trajectory = trajectory_of(scene, seed=job.seed, index=job.index, on_step=_clock(job.time_limit, scene.steps.count))
+            clock = _clock(job.time_limit, scene.steps.count)
+            trajectory = trajectory_of(scene, seed=job.seed, index=job.index, on_step=clock, stress=job.stress)
         except (InputError, RuntimeError) as error:
             reasons.append(str(error).splitlines()[0])
             continue
@@ -249,6 +254,8 @@ def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
         return None
     scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ())))
     if (found.seed, found.index) != (job.seed, job.index) or problems(found) or not _of(scene, found):
+        return None
+    if job.stress and "stress" not in found.fields:
         return None
     entry = dataset.entry_of(job.file, found)
     return entry if known.get(job.file, entry.sha256) == entry.sha256 else None

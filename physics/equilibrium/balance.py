@@ -17,7 +17,7 @@ from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
 from physics.body.material import cellwise
 from physics.body.pressure import Pressed
-from physics.body.schedule import Moves, scheduled, share
+from physics.body.schedule import Moves, largest_share, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
 from physics.contact.conditions import CONTACT_STIFFNESS, cell_size, contact_of
 from physics.mesh.build import across
@@ -167,8 +167,8 @@ class Balance:
         extent, modulus = float(np.ptp(self.mesh.points, axis=0).max()), self.scene.stiffest
         densest = max(material.density for material in self.scene.materials)
         for i, load in enumerate(() if self.scene.linear else self.scene.load):
-            push = load.traction or tuple(densest * extent * a for a in load.acceleration or ())
-            strength = float(np.linalg.norm(push))
+            push = load.traction or (load.pressure or 0.0, *(densest * extent * a for a in load.acceleration or ()))
+            strength = float(np.linalg.norm(push)) * largest_share(load)
             if strength > STRONGEST * modulus:
                 raise InputError(f"load[{i}]: {strength:.2g} Pa are {strength / modulus:.2g} times Young's modulus; at most "
                                  f"{STRONGEST:g} times")

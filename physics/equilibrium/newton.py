@@ -229,7 +229,8 @@ class Newton:
             if not np.isfinite(error) or error > 10 * previous:
                 break
             previous = min(error, previous)
-        raise NoEquilibrium(f"|R| = {state.residual:.1e} of the reaction, a gap is {state.gap_error:.1e} m off")
+        off = f"|R| = {state.residual:.1e} of the reaction, a gap is {state.gap_error:.1e} m off"
+        raise NoEquilibrium(off if np.isfinite(error) else "forces are no numbers: a cell turns inside out, or they overflow")
 
     def _touch(self, fraction: float, u: Floats, pressure: Floats) -> Touch | None:
         """Gaps at displacements (N, 3), with the contact forces (Q,) of before; None without an obstacle."""

@@ -128,8 +128,7 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
     largest = np.take_along_axis(shapes.reshape(count, -1), abs(shapes).reshape(count, -1).argmax(axis=1)[:, None], axis=1)
     sign = np.where(largest < 0, -1.0, 1.0)  # (m, 1)
     still = np.zeros((3 - mesh.dimension,))
-    first_order = scene.body.order == 1 and scene.body.element != "reduced" and not _orthotropic(scene)
-    stiff = locking.said(mesh, shapes, pairs.zeros, scene.material) if first_order else ()
+    stiff = locking.said(mesh, shapes, pairs.zeros, scene)
     cells = f"{CELLS[mesh.cell].plural} of order {scene.body.order}" + (
         "" if scene.body.element == "standard" else f", {scene.body.element} element")
     return Modes(

@@ -64,7 +64,7 @@ def read_rows(path: Path, columns: tuple[str, ...]) -> list[list[float]]:
             row = [float(entry) for entry in line]
         except ValueError:
             if rows or number > 1:
-                raise InputError(f"{path}, line {number}: {', '.join(line)}: numbers are expected") from None
+                raise InputError(f"{path}, line {number}: {', '.join(line)}: numbers are expected, with commas between them") from None
             continue
         if len(row) != 1 + len(columns) or not all(map(math.isfinite, row)):
             raise InputError(f"{path}, line {number}: {len(columns) + 1} finite numbers are expected: step, {', '.join(columns)}")
