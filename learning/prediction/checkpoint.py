@@ -21,7 +21,8 @@ import torch
 from torch import Tensor
 
 from learning.config import TrainConfig
-from learning.networks.m4gn import M4GN
+from learning.networks.blocks import Network
+from learning.networks.kinds import build
 from learning.networks.stored import read_stored, under, write_stored
 from learning.prediction.memory import keep_freed_memory
 from learning.samples.samples import Normaliser
@@ -52,11 +53,14 @@ class Model:
     """A trained network and what it needs to be applied: its config, its scales, and where it came from."""
 
     config: TrainConfig
-    network: M4GN
+    network: Network
     normaliser: Normaliser
     name: str
 
-    title = "M4GN"  # in reports
+    @property
+    def title(self) -> str:
+        """In reports."""
+        return self.network.title
 
 
 def write_checkpoint(path: Path, saved: Checkpoint) -> None:
@@ -101,6 +105,6 @@ def load_model(run: str | Path) -> Model | Slender:
         return load_slender(run)
     saved = read_checkpoint(path)
     config = read_table(TrainConfig, saved.about.get("config"), f"{path}: config")
-    network = M4GN(config.network)
+    network = build(config.network)
     load_weights(network, saved, path)
     return Model(config, network.eval(), saved.normaliser, str(run))

@@ -67,7 +67,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         raise InputError("no trajectories to evaluate on")
     model = load_model(run)
     cases = load_cases(files)
-    alone = [estimated("M4GN, its estimate alone")] if has_estimate(model) else []
+    alone = [estimated(f"{model.title}, its estimate alone")] if has_estimate(model) else []
     own, about = own_predictors(predictions, functions, cases)
     if any(case.known is None for case in cases):
         return report_on([*own, learned(model, model.title), *trivial()], cases, Path(out),

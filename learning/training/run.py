@@ -16,7 +16,7 @@ import scipy
 import torch
 
 from learning.config import TrainConfig
-from learning.networks.m4gn import M4GN
+from learning.networks.kinds import build
 from learning.prediction.checkpoint import Checkpoint, Model, load_weights, read_checkpoint, write_checkpoint
 from learning.samples.samples import Example, fingerprint, fit_normaliser
 from physics.schema import InputError, read_table, to_table
@@ -68,13 +68,13 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
     """
     about = About(to_table(config), fingerprint(examples), _versions())
     torch.manual_seed(config.seed)
-    network = M4GN(config.network)
+    network = build(config.network)
     optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
     generator = torch.Generator().manual_seed(config.seed)
     if not resume:
         if config.estimate:  # begin with the estimate as it is
-            torch.nn.init.zeros_(network.decode.third.weight)
-            torch.nn.init.zeros_(network.decode.third.bias)
+            torch.nn.init.zeros_(network.last.weight)
+            torch.nn.init.zeros_(network.last.bias)
         return Run(out, about, Model(config, network, fit_normaliser(examples, config), str(out)), optimizer, generator)
 
     path = out / "last.safetensors"

@@ -1,4 +1,4 @@
-"""Train M4GN on trajectory files: one straight loop that can be stopped at any moment and resumed to the same weights.
+"""Train a network on trajectory files: one straight loop that can be stopped at any moment and resumed to the same weights.
 
     loss = mean over free nodes and components of (network(graph) - v / scale)^2
 
@@ -30,7 +30,7 @@ from tqdm import tqdm
 
 from learning.config import TrainConfig
 from learning.graphs.graph import Graph, join
-from learning.networks.m4gn import products
+from learning.networks.blocks import products
 from learning.prediction.memory import keep_freed_memory
 from learning.prediction.rollout import rollout_error
 from learning.samples.samples import Example, Normaliser, all_frames, chances, load_examples, sample
