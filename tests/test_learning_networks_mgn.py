@@ -18,7 +18,8 @@ def test_message_passing_is_what_the_equations_say():
     network, case = made(config), case_of(config)
     weights = dict(network.named_parameters())
     h = [mlp(weights, "encode_node", x) for x in case.node]
-    e, w = ([mlp(weights, f"encode_{name}", x) for x in features] for name, features in (("mesh", case.mesh_edge), ("world", case.contact_edge)))
+    e, w = ([mlp(weights, f"encode_{name}", x) for x in features]
+            for name, features in (("mesh", case.mesh_edge), ("world", case.contact_edge)))
     for step in ("process.0", "process.1"):
         for name, latent, pair in (("mesh", e, case.mesh_pair), ("contact", w, case.contact_pair)):
             for k, (s, r) in enumerate(pair.T.tolist()):
@@ -30,8 +31,8 @@ def test_message_passing_is_what_the_equations_say():
 
 def test_world_edges_join_what_is_near_and_no_mesh_edge_joins():
     x = np.random.default_rng(0).normal(size=(30, 3))
-    mesh = np.array([[0, 1, 2, 4], [1, 0, 4, 2]])
-    assert np.linalg.norm(x[0] - x[1]) < 3 and np.linalg.norm(x[2] - x[4]) < 3  # the mesh does join near ones
+    mesh = np.array([[0, 1], [1, 0]])
+    assert np.linalg.norm(x[0] - x[1]) < 3
     near = {(s, r) for s in range(30) for r in range(30) if s != r and np.linalg.norm(x[s] - x[r]) <= 3}
     found = world_edges(x, mesh, 3.0)
     assert found.T.tolist() == [list(pair) for pair in sorted(near - set(map(tuple, mesh.T.tolist())), key=lambda pair: pair[::-1])]
