@@ -38,7 +38,7 @@ from physics.schema import InputError, quantity
 class M4GNConfig:
     """M4GN: message passing, then a transformer over segments of the mesh. Sizes are the paper's by default.
 
-    kind: of the network
+    kind: of the network; the others have keys of their own, below
     hidden: width of every layer
     message_steps: how often neighbours talk
     transformer_layers: in which segments talk
