@@ -8,7 +8,7 @@ Nodes are those of the trajectory file, body first, obstacle last. Two kinds of 
 Features, with X rest positions, x current positions, v = x(t+1) - x(t) [m]; every one is free of the origin:
 
     node            one-hot of its kind (free, obstacle, held); the v of a node whose motion is prescribed (obstacle, or
-                    held), on free nodes what the scheme knows of theirs, or zero (data.py); X_i - O, x_i - X_i, with O the
+                    held), on free nodes what the scheme knows of theirs, or zero (samples/samples.py); X_i - O, x_i - X_i, with O the
                     mean rest position of the held nodes (of the body, where none is held)
     mesh edge       X = X_s - X_r, |X|, x - X, |x| - |X|    [m], x = x_s - x_r, s sender, r receiver
     contact edge    x, |x|                                 [m]

@@ -40,8 +40,8 @@ class M4GNConfig:
 
     kind: of the network; the others have keys of their own, below
     hidden: width of every layer
-    message_steps: how often neighbours talk
-    transformer_layers: in which segments talk
+    message_steps: message-passing steps
+    transformer_layers: of attention between segments
     heads: of each of these, a divisor of hidden
     feed: width of their feed-forward nets, in hidden sizes
     walk: steps of the encodings' longest walk, 0 for none

@@ -1,6 +1,6 @@
 """Prediction with a trained network: over a whole path from the rest state, or one step from each true frame.
 
-    scheme = "step"    u(0) = 0,    u(t+1) from the graph of u(t)                               (data.py)
+    scheme = "step"    u(0) = 0,    u(t+1) from the graph of u(t)                               (samples/samples.py)
     scheme = "pose"    u(t) = P(t), straight from the obstacle's pose, P(0) = 0;    one step: u(t+1) = u(t) + P(t+1) - P(t)
 
 so that in both a rollout is what single steps from the rest state lead to. Obstacle nodes follow their motion in the

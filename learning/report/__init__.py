@@ -1,6 +1,6 @@
 """What is measured and said of predictors?
 
-    measure       every predictor on every case
+    measure       every predictor on every case, by physics/fidelity, where the figures are worked out
     table         columns, units and rows
     pareto        speed against error, as a picture
     report        report.html and report.json

@@ -3,7 +3,7 @@
     loss = mean over free nodes and components of (network(graph) - v / scale)^2
 
 with Adam. Each step draws batch_size frames, with replacement, from all training frames, some more often where estimates are
-corrected (data.chances); noise is drawn afresh (data.py).
+corrected (samples.chances); noise is drawn afresh (samples/samples.py).
 Both come from one torch generator whose state travels with the checkpoint. The learning rate is kept for the first half
 of the training and then falls exponentially, where "half" is told by steps / config.steps or by seconds / budget_seconds,
 whichever is further on. A resumed training equals an uninterrupted one to the last bit, unless a time budget gives the

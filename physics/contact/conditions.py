@@ -1,7 +1,7 @@
 """Frictionless contact of a body's surface with a rigid obstacle.
 
 Contact is felt at points of the surface, x_q = sum_a w_qa x_a over the nodes of a facet, each standing for an area A_q
-of the rest surface. Gap g_q (obstacle.py) and contact force p_q >= 0 along the normal n_q obey
+of the rest surface. Gap g_q (obstacles.py) and contact force p_q >= 0 along the normal n_q obey
 
     g_q + c_q p_q >= 0,   p_q >= 0,   p_q (g_q + c_q p_q) = 0,   c_q = 1 / (k A_q)
 

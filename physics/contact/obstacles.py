@@ -9,7 +9,8 @@ normal that points from the obstacle to x. With p = x - centre, axis a, radius r
     box          |max(q, 0)| + min(max q, 0) - r             q = |p| - size/2 + r by components: edges rounded with r
     half-space   p.a                                         everything behind the plane through the centre
 
-Each shape is a class with its distance, its curvature, its extents and its mesh; `Rigid` moves one along a path.
+Each shape is a class with its distance, its curvature, its extents and its mesh, listed in SHAPES; which keys of a scene it needs stands in
+physics/scene/parts.py. `Rigid` moves one along a path.
 Where the surface is round its normal turns with the point: d2g/dx2 = (1 - n n^T) / d on a sphere, d the distance from its
 centre, and without the direction of the axis on a cylinder or an edge.
 

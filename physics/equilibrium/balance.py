@@ -1,7 +1,7 @@
 """The equations of a scene: f(u) = b + sum_q p_q n_q on the free components of the displacement u.
 
 f = dW/du are the internal forces (elasticity.py), less pressures that follow their faces (pressure.py), b the dead loads,
-p_q >= 0 the forces of contact (contact.py); held components follow their prescription. Loads and prescribed displacements
+p_q >= 0 the forces of contact (contact/conditions.py); held components follow their prescription. Loads and prescribed displacements
 grow linearly with the fraction 0 .. 1 of the loading or go by a table (schedule.py), the obstacle is on its path.
 Legend: N nodes, Q contact points.
 """

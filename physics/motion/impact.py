@@ -1,7 +1,7 @@
 """Contact of a body in motion, so that it never makes energy.
 
 A step of length h leads from positions x0 to x1 of the points of contact, all seen from the obstacle. At its end
-p >= 0, g(x1) + c p >= 0, complementary (contact.py). Two things keep the energy from growing.
+p >= 0, g(x1) + c p >= 0, complementary (contact/conditions.py). Two things keep the energy from growing.
 
 1. Forces act along a mean normal n' with n'.(x1 - x0) = g(x1) - g(x0): the normal in the middle of the way plus what is missing
    to that along the way (Gonzalez, J. Nonlinear Sci. 6, 1996, 449: discrete gradients). Their work in the step is then
