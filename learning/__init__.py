@@ -21,11 +21,11 @@ from importlib import import_module
 from typing import Any
 
 _PUBLIC = {
-    "M4GN": "networks.m4gn", "Model": "prediction.checkpoint", "TrainConfig": "config", "compare": "report.compare",
-    "evaluate": "report.evaluate",
+    "Frames": "samples.frames", "M4GN": "networks.m4gn", "Model": "prediction.checkpoint", "TrainConfig": "config",
+    "collate": "samples.frames", "compare": "report.compare", "evaluate": "report.evaluate",
     "gradient": "prediction.gradient", "load_config": "config", "load_model": "prediction.checkpoint", "rollout": "prediction.rollout",
     "segment": "segments.cut", "segment_quality": "segments.quality", "sweep": "prediction.sweep",
-    "train": "training.kinds",
+    "to_pyg": "samples.frames", "train": "training.kinds",
 }
 __all__ = sorted(_PUBLIC)
 

@@ -114,7 +114,7 @@ def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume)
     error = result["best_error"]
     say(f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
-        + (f", best validation error {1e3 * error:.3f} mm (RMSE of whole rollouts over {len(valid)} validation "
+        + (f", best validation error {1e3 * error:.3f} mm (RMSD of whole rollouts over {len(valid)} validation "
            f"trajector{'y' if len(valid) == 1 else 'ies'}, free nodes)" if error is not None else "") + f": {out}")
     return result
 
@@ -131,7 +131,7 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
     from datagen.files.trajectory import read_sound, write_trajectory
     from learning.prediction.checkpoint import load_model
     from learning.prediction.rollout import rollout as run
-    from physics.mesh.quality import rmse
+    from physics.mesh.quality import rmsd
 
     model = load_model(options.run)
     truth = read_truth(options.trajectory) if options.correct else None
@@ -146,9 +146,9 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
     else:
         prediction = run(model, trajectory)
     write_trajectory(out, prediction)
-    error = rmse(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
-    say(f"{len(prediction.displacement) - 1} steps, RMSE over all of them {1e3 * error:.3f} mm: {out}")
-    return {"steps": len(prediction.displacement) - 1, "rmse_all": error, **prediction.extra}
+    error = rmsd(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
+    say(f"{len(prediction.displacement) - 1} steps, RMSD over all of them {1e3 * error:.3f} mm: {out}")
+    return {"steps": len(prediction.displacement) - 1, "rmsd_all": error, **prediction.extra}
 
 
 def sweep(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:

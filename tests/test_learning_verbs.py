@@ -102,7 +102,7 @@ def training(monkeypatch, tmp_path):
 def test_train_takes_both_splits_and_says_the_error_in_mm(training, capsys):
     arguments = ("train", "c.toml", "--data", training.data, "--out", training.out)
     assert spoken(capsys, *arguments) == [
-        "40 steps in 62 s, loss 0.1235, best validation error 0.250 mm (RMSE of whole rollouts over 1 validation trajectory, free nodes): "
+        "40 steps in 62 s, loss 0.1235, best validation error 0.250 mm (RMSD of whole rollouts over 1 validation trajectory, free nodes): "
         f"{training.out}"]
     assert training.given == ("config of c.toml", [f"{training.data}/train"], [f"{training.data}/valid"], training.out)
     assert training.named == {"steps": None, "resume": False}
@@ -152,12 +152,12 @@ def test_rollout_writes_the_prediction_and_its_error_over_free_nodes_and_all_ste
     called = Called(predicted.prediction)
     predicted.monkeypatch.setattr("learning.prediction.rollout.rollout", called)
     lines = spoken(capsys, "rollout", "run", predicted.file, "--out", predicted.out)
-    assert lines == [f"5 steps, RMSE over all of them 0.005 mm: {predicted.out}"]
+    assert lines == [f"5 steps, RMSD over all of them 0.005 mm: {predicted.out}"]
     assert called.given[0] == "model of run" and np.array_equal(called.given[1].displacement, predicted.truth.displacement)
     assert np.array_equal(read_trajectory(predicted.out).displacement, predicted.prediction.displacement)
     result = told(capsys, "rollout", "run", predicted.file, "--out", predicted.out)
     # 5 um; displacements of up to 20 mm are stored in 24 bits, to about 1e-9 m
-    assert result == {"steps": 5, "rmse_all": pytest.approx(5e-6, rel=1e-3), "seconds_per_step": 0.25}
+    assert result == {"steps": 5, "rmsd_all": pytest.approx(5e-6, rel=1e-3), "seconds_per_step": 0.25}
 
 
 def test_a_corrected_rollout_is_held_against_the_scene(predicted, capsys):

@@ -21,7 +21,6 @@ import torch
 from torch import Tensor
 
 from learning.config import TrainConfig
-from learning.networks.blocks import Network
 from learning.networks.kinds import build
 from learning.networks.stored import read_stored, under, write_stored
 from learning.prediction.memory import keep_freed_memory
@@ -50,17 +49,20 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Model:
-    """A trained network and what it needs to be applied: its config, its scales, and where it came from."""
+    """A trained network and what it needs to be applied: its config, its scales, and where it came from.
+
+    network: takes a scaled graph, gives (N, 3) in units of the normaliser's velocity
+    """
 
     config: TrainConfig
-    network: Network
+    network: torch.nn.Module
     normaliser: Normaliser
     name: str
 
     @property
     def title(self) -> str:
-        """In reports."""
-        return self.network.title
+        """In reports: the kind's, or the class's name of a network of one's own."""
+        return getattr(self.network, "title", type(self.network).__name__)
 
 
 def write_checkpoint(path: Path, saved: Checkpoint) -> None:
