@@ -137,7 +137,7 @@ def test_what_was_solved_again_is_in_the_card(tmp_path, monkeypatch):
     monkeypatch.setattr(statistics, "_refined", refined)
     text = write_card(tmp_path).read_text()
     assert calls == [(1, 0)]  # ten are asked for, there is one
-    assert "for a sample of 1;" in text and "| mesh rmsd | 0.5 | 0.25 | 0.125 | 1 | m |" in text
+    assert "for a sample of 1;" in text and "| mesh rmse | 0.5 | 0.25 | 0.125 | 1 | m |" in text
     assert "\nNot solved on the finer cells: too thin\n" in text and "No scene failed." in text and "solver noise" not in text
     assert "reaction largest" not in text and text.splitlines()[14].startswith("---") and " 1 trajectories of 2 steps (test 1)," in text
 
