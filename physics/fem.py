@@ -207,7 +207,8 @@ def _lagrange(domain: Any, order: int, components: int) -> Any:
     """dolfinx's space of scalars, or of vectors with a component for each dimension."""
     with _quiet():
         if OLD:
-            return (fem.FunctionSpace if components == 1 else fem.VectorFunctionSpace)(domain, ("Lagrange", order))
+            return fem.FunctionSpace(domain, ("Lagrange", order)) if components == 1 else fem.VectorFunctionSpace(
+                domain, ("Lagrange", order), dim=components)
         return fem.functionspace(domain, ("Lagrange", order) if components == 1 else ("Lagrange", order, (components,)))
 
 

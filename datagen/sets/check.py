@@ -128,7 +128,7 @@ def _against_obstacle(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: N
     body = mesh.points[loose] + trajectory.displacement[:, loose].astype(np.float64)
     deepest = np.array([-rigid.gap(x, centre)[0].min() for x, centre in zip(body, way, strict=True)])
     deepest = np.maximum(deepest, trajectory.per_frame.get("penetration", 0.0))
-    limit = PENETRATION * float(np.ptp(mesh.points, axis=0).min())
+    limit = PENETRATION * float(mesh.extent.min())
     if deepest.max() > limit:
         found.append(f"the obstacle penetrates {deepest.max():.2g} m at step {deepest.argmax()}; {limit:.2g} m is allowed")
     return found

@@ -37,7 +37,7 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.modes.elastic import elastic_modes
 from physics.motion.inertia import inertia
-from physics.scene import Body, Scene, Steps
+from physics.scene import PLANE_CELLS, Body, Scene, Steps
 from physics.schema import InputError
 from physics.solution import Solution, solve
 
@@ -73,7 +73,7 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     points, triangles, moved, way = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3)), {}
     if scene.obstacle is not None:
         rigid, size = Rigid(scene.obstacle), cell_size(mesh)
-        around, triangles = rigid.surface_mesh(mesh.points, size=size)
+        around, triangles = rigid.surface_mesh(mesh.points, size=size, plane=mesh.dimension == 2)
         way = {"obstacle": centres(scene, frames)}
         moved = np.repeat((way["obstacle"] - rigid.path[0])[:, None], len(around), axis=1)
         points = np.concatenate([mesh.points, around])
@@ -266,8 +266,11 @@ def _of(scene: Scene, found: Trajectory) -> bool:
 def compile_forms(scenes: list[Scene]) -> None:
     """Compile what the workers will need, before they start: at once they would race for the cache on disk."""
     cell_of = {body: build_mesh(body).cell if body.shape == "file" else body.cell for body in {scene.body for scene in scenes}}
-    for cell, like in {(cell_of[scene.body], scene.material.law): (cell_of[scene.body], scene) for scene in scenes}.values():
+    kinds = {(cell_of[scene.body], scene.body.plane, scene.material.law): scene for scene in scenes}
+    for (cell, plane, _), like in kinds.items():
         body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=cell)
+        if cell in PLANE_CELLS:
+            body = Body(shape="plate", length=1.0, width=1.0, cells=(1, 1), cell=cell, plane=plane)
         scene = Scene(body=body, material=like.material, steps=Steps(count=1))
         solve(scene)
         elastic_modes(scene, count=1)

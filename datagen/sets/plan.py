@@ -65,7 +65,7 @@ def figures(scene: Scene) -> dict[str, Any]:
     mesh = build_mesh(scene.body)
     nodes, obstacle = len(mesh.points), "none"
     if scene.obstacle is not None:
-        nodes += len(Rigid(scene.obstacle).surface_mesh(mesh.points, size=cell_size(mesh))[0])
+        nodes += len(Rigid(scene.obstacle).surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2)[0])
         obstacle = scene.obstacle.shape
     length, width = np.ptp(mesh.points[:, :2], axis=0)
     return {"nodes": nodes, "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),

@@ -151,13 +151,13 @@ def _solved(scene: Scene, every: int, mesh: Mesh, times: int) -> tuple[NDArray[n
     """Displacements (F, N, 3) at the mesh's nodes of a scene in fewer steps, on one or two times the cells each way, and seconds."""
     scene = dataclasses.replace(scene, steps=Steps(count=scene.steps.count // every))
     release()
-    if scene.body.shape == "file":
+    if scene.body.shape in ("file", "channel"):
         of_file = mesh if times == 1 else halved(mesh)
         solution, number = solve(scene, mesh=of_file, partial=True), f"{len(of_file.cells)}"
     else:
-        nx, ny, nz = (times * n for n in scene.body.divisions)
-        body = dataclasses.replace(scene.body, cells=(nx, ny, nz), cell_size=None)
-        solution, number = solve(dataclasses.replace(scene, body=body), partial=True), f"{nx} x {ny} x {nz}"
+        cells = tuple(times * n for n in scene.body.divisions)
+        body = dataclasses.replace(scene.body, cells=cells, cell_size=None)
+        solution, number = solve(dataclasses.replace(scene, body=body), partial=True), " x ".join(map(str, cells))
     if solution.failure:
         raise RuntimeError(f"the scene with {number} cells: {solution.failure}")
     distance, node = cKDTree(solution.mesh.points).query(mesh.points)

@@ -122,10 +122,9 @@ def between(path: Floats, steps: int) -> Floats:
 
 def coarser(scene: Scene) -> Scene | None:
     """The scene with half the cells along each direction, rounded down, at least 2; None when nothing is left to halve."""
-    if scene.body.shape == "file":
+    if scene.body.shape in ("file", "channel"):
         return None
-    nx, ny, nz = (min(n, max(2, n // 2)) for n in scene.body.divisions)
-    divisions = (nx, ny, nz)
+    divisions = tuple(min(n, max(2, n // 2)) for n in scene.body.divisions)
     if divisions == scene.body.divisions:
         return None
     return replace(scene, body=replace(scene.body, cells=divisions, cell_size=None))

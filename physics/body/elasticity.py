@@ -36,20 +36,18 @@ class Elasticity:
     """
 
     def __init__(self, mesh: Mesh, material: Material, fixed: NDArray[np.bool_], element: str = "standard") -> None:
-        """Args: element of element.py. Raises `InputError` for a plane body."""
-        if mesh.dimension != 3:
-            raise InputError("a plane body has modes, but no finite strains here: give a solid one")
+        """Args: element of element.py."""
         if material.orthotropic is not None:
             raise InputError("material.orthotropic: has modes at rest, but no law of finite strain here: give an isotropic material")
         self.mesh, self.material, self.fixed, self.element = mesh, material, fixed, element
-        self._kernel, self._lame = Kernel(material.law, mesh.cells, samples(mesh, element)), lame(material)
+        self._kernel, self._lame = Kernel(material.law, mesh.cells, samples(mesh, element), sheet=mesh.sheet), lame(material)
         self.cells = self._kernel.cells
         self._matrix: Matrix | None = None
 
     @cached_property
     def space(self) -> fem.Space:
         """dolfinx's numbering of the same body."""
-        return fem.Space(self.mesh)
+        return fem.Space(self.mesh, components=3)
 
     def energy(self, u: Floats) -> float:
         """Stored energy [J] at displacements (N, 3) [m]; nan where the law has none (a cell turned inside out)."""
@@ -88,7 +86,7 @@ class Elasticity:
     def mass(self) -> PETSc.Mat:
         """Consistent mass matrix in dolfinx's order, no component held; the caller destroys it."""
         v, w = ufl.TestFunction(self.space.V), ufl.TrialFunction(self.space.V)
-        density = self.space.constant(self.material.density)
+        density = self.space.constant(self.material.density * self.mesh.thickness)
         dx = ufl.dx(metadata={"quadrature_degree": fem.MASS_DEGREE[self.mesh.cell]})
         return fem.matrix(density * ufl.inner(w, v) * dx)
 

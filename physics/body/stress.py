@@ -42,6 +42,7 @@ def deformation(mesh: Mesh, displacement: ArrayLike) -> Floats:
     """(C, 3, 3) deformation gradient F at the cells' centres for displacements (N, 3) [m]."""
     gradients = centre_gradients(mesh.cell)  # (n, 3)
     rest = np.einsum("cni,nk->cik", mesh.points[mesh.cells], gradients)
+    rest[:, mesh.dimension:, mesh.dimension:] = np.eye(3 - mesh.dimension)
     moved = np.einsum("cni,nk->cik", np.asarray(displacement, np.float64)[mesh.cells], gradients)
     return np.eye(3) + moved @ np.linalg.inv(rest)  # not by the positions, whose rounding would be stress in a body at rest
 
@@ -54,9 +55,23 @@ def first_piola(F: Floats, material: Material) -> Floats:
     return kernel.forces(columns, lame(material)).reshape(-1, 3, 3).transpose(0, 2, 1)
 
 
+def thinned(F: Floats, material: Material) -> Floats:
+    """(M, 3, 3) F with the stretch F_33 at which a thin sheet has no stress across, P_33 = 0, by Newton's method."""
+    F, small = F.copy(), np.sqrt(np.finfo(float).eps)
+    for _ in range(40):
+        across, beside = F[:, 2, 2].copy(), F + small * np.diag([0.0, 0.0, 1.0])
+        here, there = (first_piola(each, material)[:, 2, 2] for each in (F, beside))
+        F[:, 2, 2] = np.maximum(across - here * small / (there - here), across / 2)
+        if not (abs(F[:, 2, 2] - across) > 1e-13).any():
+            break
+    return F
+
+
 def cauchy(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
     """(C, 3, 3) sigma [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
     F = deformation(mesh, displacement)
+    if mesh.sheet:
+        F = thinned(F, material)
     with np.errstate(invalid="ignore", divide="ignore"):
         sigma = first_piola(F, material)
         return sigma if material.law == "linear" else sigma @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
@@ -75,7 +90,7 @@ def von_mises(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats
 
 
 def recovery(mesh: Mesh) -> scipy.sparse.csr_matrix:
-    """(N, C) what the value at each cell's centre counts at each node of a solid body; a node of no cell has zeros."""
+    """(N, C) what the value at each cell's centre counts at each node; a node of no cell has zeros."""
     n, corners = mesh.cells.shape[1], mesh.points[mesh.cells]
     ends = n * np.arange(len(mesh.cells) + 1)
     touches = scipy.sparse.csr_matrix((np.ones(mesh.cells.size), mesh.cells.ravel(), ends), shape=(len(mesh.cells), len(mesh.points)))
@@ -95,6 +110,7 @@ def recovery(mesh: Mesh) -> scipy.sparse.csr_matrix:
     apart = away - middle[node]
     own = corners - centre[:, None]
     size = mean((np.einsum("cni,cnj->cij", own, own) / n)[cell])  # (N, 3, 3) spread of the nodes of the cells
+    size[:, mesh.dimension:, mesh.dimension:] = np.eye(3 - mesh.dimension)
     size[np.bincount(node, minlength=len(mesh.points)) == 0] = np.eye(3)
     unit = np.linalg.inv(np.linalg.cholesky(size))
     spread, axes = np.linalg.eigh(unit @ mean(apart[:, :, None] * apart[:, None, :]) @ unit.transpose(0, 2, 1))

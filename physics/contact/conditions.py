@@ -50,14 +50,14 @@ class ContactSurface:
     def __init__(self, mesh: Mesh, kind: str, held: NDArray[np.bool_], width: float = np.inf) -> None:
         """Args: kind "facets" or "nodes"; held (N,): not in contact; width: smallest of the obstacle [m].
 
-        A quadrilateral has nine points and a triangle six, or, where the longest facet is longer than the obstacle is wide, so many
-        more that two points are nowhere further apart along an edge than half of the width.
+        A quadrilateral has nine points, a triangle six and the side of a plane cell three, or, where the longest facet is longer than
+        the obstacle is wide, so many more that two points are nowhere further apart along an edge than half of the width.
 
         Raises:
             InputError: the obstacle is so thin that it could pass between the points
         """
         longest = max(float(np.linalg.norm(mesh.points[facets] - mesh.points[np.roll(facets, 1, axis=1)], axis=2).max())
-                      for facets in mesh.surface if len(facets))
+                      for facets in mesh.boundary if len(facets))
         divisions = int(np.ceil(longest / width * (1 - 1e-9))) or 1
         if kind == "nodes" and divisions > 1:
             raise InputError(f"obstacle: {width:.3g} m wide, it could pass between nodes {longest:.3g} m apart; give smaller cells, or "
@@ -83,11 +83,14 @@ class ContactSurface:
 def _points(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
     """Point number, node and weight triplets, and areas, of the points of all facets, each facet divided along its edges."""
     rows, columns, values, areas, count = [], [], [], [], 0
-    rules = {4: _on_quadrilateral(divisions), 3: _on_triangle(divisions)}
-    for facets in mesh.surface:
+    line, along = _simpson(divisions)
+    rules = {4: _on_quadrilateral(divisions), 3: _on_triangle(divisions), 2: (line, along / (6 * divisions))}
+    for facets in mesh.boundary:
         shape, share = rules[facets.shape[1]]
         corner = mesh.points[facets]
-        if facets.shape[1] == 3:
+        if facets.shape[1] == 2:
+            size = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1) * mesh.thickness
+        elif facets.shape[1] == 3:
             size = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
         else:
             size = np.linalg.norm(np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]), axis=1) / 2
@@ -102,16 +105,21 @@ def _points(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.i
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(values), np.concatenate(areas)
 
 
+def _simpson(divisions: int) -> tuple[Floats, Floats]:
+    """Shape functions (P, 2) and shares (P,) of a line times 6 divisions, by Simpson's rule: of each part ends and middle."""
+    along = np.linspace(0, 1, 2 * divisions + 1)
+    share = np.tile([2.0, 4.0], divisions + 1)[:-1]
+    share[[0, -1]] = 1
+    return np.stack([1 - along, along], axis=1), share
+
+
 def _on_quadrilateral(divisions: int) -> tuple[Floats, Floats]:
     """Shape functions (P, 4) and shares of the area (P,) of Simpson's rule: of each part corners, middles of edges, centre.
 
     All shares are positive, and a pressure that is linear over a facet gives its exact nodal forces; on triangles an even one does.
     """
-    along = np.linspace(0, 1, 2 * divisions + 1)
-    one, share = np.stack([1 - along, along], axis=1), np.tile([2.0, 4.0], divisions + 1)[:-1]
-    share[[0, -1]] = 1
-    return (np.einsum("ia,jb->ijab", one, one).reshape(-1, 4)[:, [0, 2, 3, 1]],
-            np.outer(share, share).ravel() / (6 * divisions) ** 2)
+    one, share = _simpson(divisions)
+    return np.einsum("ia,jb->ijab", one, one).reshape(-1, 4)[:, [0, 2, 3, 1]], np.outer(share, share).ravel() / (6 * divisions) ** 2
 
 
 def _on_triangle(divisions: int) -> tuple[Floats, Floats]:

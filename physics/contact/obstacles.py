@@ -25,12 +25,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.contact.surfaces import Surface, box, divide, rounded, square, turned
+from physics.contact.surfaces import Surface, box, disc, divide, rounded, square, turned
 from physics.scene import Obstacle
 
 Floats = NDArray[np.float64]
 
 FINEST = 100  # edges along a side, or half around
+RAYS = 720  # by which the outline of a section is found
 
 
 class Shape(Protocol):
@@ -208,17 +209,41 @@ class Rigid:
         """(Q, 2, 3) [1/m^0.5] vectors t along the surface whose sum of t t^T is the second derivative of the gap there."""
         return self.shape.bend(points - centre)
 
-    def surface_mesh(self, body: Floats, *, size: float) -> Surface:
-        """The surface with the centre at path[0]: points (P, 3) and outward triangles (F, 3).
+    def surface_mesh(self, body: Floats, *, size: float, plane: bool = False) -> Surface:
+        """The surface with the centre at path[0]: points (P, 3) and outward triangles (F, 3); for a plane body its section with z = 0.
 
         Args:
             body: (N, 3) rest positions of the body; a cylinder reaches past it by one edge on either side, a half-space is
                 shown as a square as large as the body
             size: edge length aimed at [m]; an obstacle much larger than that is drawn with longer ones
         """
+        if plane:
+            points, triangles = disc(self._outline(body - self.path[0], size), size)
+            return self.path[0] + points, triangles
         frame = self.shape.frame
         points, triangles = self.shape.mesh((body - self.path[0]) @ frame.T, max(size, self.shape.extent / FINEST))
         return self.path[0] + points @ frame, triangles
+
+
+    def _outline(self, body: Floats, size: float) -> Floats:
+        """(P, 3) counter-clockwise around the section with the plane z = 0, its centre at the origin; a half-space as deep as an edge."""
+        if np.isinf(self.width):
+            inward = -self.shape.gap(np.zeros((1, 3)))[1][0]
+            along = np.array([inward[1], -inward[0], 0.0])
+            from_, to = (body @ along).min() - size, (body @ along).max() + size
+            line = divide(from_, to, size)[:, None] * along
+            return np.concatenate([line, (line + size * inward)[::-1]])
+        angle = 2 * np.pi * np.arange(RAYS) / RAYS
+        ray = np.stack([np.cos(angle), np.sin(angle), np.zeros(RAYS)], axis=1)
+        near, far = np.zeros(RAYS), np.full(RAYS, self.width + 2 * self.shape.extent)
+        for _ in range(60):  # the section is convex and the centre lies in it
+            middle = (near + far) / 2
+            inside = self.shape.gap(middle[:, None] * ray)[0] < 0
+            near, far = np.where(inside, middle, near), np.where(inside, far, middle)
+        dense = np.concatenate([near[:, None] * ray, near[:1, None] * ray[:1]])
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
+        at = np.linspace(0.0, way[-1], max(8, round(way[-1] / max(size, self.shape.extent / FINEST))), endpoint=False)
+        return np.stack([np.interp(at, way, component) for component in dense.T], axis=1)
 
 
 def _unit(vector: tuple[float, float, float]) -> Floats:

@@ -45,6 +45,20 @@ def square(middle: Floats, reach: float, size: float) -> Surface:
     return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
+def disc(outline: Floats, size: float) -> Surface:
+    """What lies within a convex outline (P, 3) in the plane z = 0, counter-clockwise: rings about an edge apart, and the middle."""
+    middle, around = outline.mean(axis=0), len(outline)
+    rings = max(1, round(float(np.linalg.norm(outline - middle, axis=1).min()) / size))
+    points = np.concatenate([middle + (k + 1) / rings * (outline - middle) for k in range(rings)] + [middle[None]])
+    i = np.arange(around)
+    j, last = (i + 1) % around, np.full(around, rings * around)
+    triangles = [np.stack([last, i, j], axis=1)]
+    for inner in range(0, (rings - 1) * around, around):
+        outer = inner + around
+        triangles += [np.stack([inner + i, outer + i, outer + j], axis=1), np.stack([inner + i, outer + j, inner + j], axis=1)]
+    return points, np.concatenate(triangles)
+
+
 def box(half: Floats, size: float) -> Surface:
     """The surface of a box cut into triangles, each corner and edge node once."""
     ticks = [divide(-h, h, size) for h in half]

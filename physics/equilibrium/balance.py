@@ -20,8 +20,11 @@ from physics.body.schedule import Moves, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
 from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
+from physics.mesh.build import across
 from physics.mesh.mesh import Mesh
 from physics.scene import Load, Scene
+from physics.scene.plane import check_plane
+from physics.scene.rules import is_plane
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -51,6 +54,9 @@ class Balance:
         Raises:
             InputError: the body is free to move, or the obstacle starts inside of it
         """
+        if mesh.dimension == 2:
+            check_plane(scene)
+        mesh = across(mesh, scene.body)
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.fixed, self.moves = held(scene, mesh), Moves(scene, mesh)
         self.bearing = np.flatnonzero(self.moves.nodes if self.moves.nodes.any() else self.fixed.any(axis=1))
@@ -129,7 +135,7 @@ class Balance:
         Where the end of a slender body has moved by d across it, a step along its soft directions is off by about 10 (d/h)^2 of
         itself: the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3).
         """
-        return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(np.ptp(self.mesh.points, axis=0).min())
+        return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(self.mesh.extent.min())
 
     def stride(self, start: float, end: float) -> float:
         """How far the obstacle moves between two fractions of the loading, over what is safe for one step.
@@ -141,7 +147,7 @@ class Balance:
         obstacle = self.contact.obstacle
         between = np.unique([start, *obstacle.reached, end])
         way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
-        safe = min(obstacle.width, float(np.ptp(self.mesh.points, axis=0).min())) / 2
+        safe = min(obstacle.width, float(self.mesh.extent.min())) / 2
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe
 
     def _check(self) -> None:
@@ -169,6 +175,8 @@ class Balance:
 def cells_said(scene: Scene) -> str:
     """What a body is meshed with, in words."""
     element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
+    if is_plane(scene.body):
+        element += f", plane {scene.body.plane or 'strain'}, {scene.body.thickness or 1.0:g} m thick"
     return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of first order{element}"
 
 
@@ -178,3 +186,14 @@ def contact_said(scene: Scene) -> str:
         return "none: the scene has no obstacle"
     points = "points of the surface facets" if scene.obstacle.contact == "facets" else "surface nodes"
     return f"frictionless at {points}, rigid {scene.obstacle.shape}; nothing is solved before it touches"
+
+
+def could_be_plane(balance: Balance) -> dict[str, str]:
+    """A word on a solid body that is a slice one cell thick and held across: a plane one would do."""
+    mesh = balance.mesh
+    for axis in range(mesh.dimension if mesh.dimension == 3 else 0):
+        levels = np.unique(mesh.points[:, axis].round(12))
+        if len(levels) == 2 and balance.fixed[:, axis].all() and not balance.moves.at(1.0)[:, axis].any():
+            return {"plane": f"the body is one cell thick along {'xyz'[axis]} and held across: as a plane body (plane = \"strain\", "
+                             f"thickness = {np.ptp(levels):g}) it has half as many unknowns"}
+    return {}

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.equilibrium.balance import Balance, cells_said, contact_said
+from physics.equilibrium.balance import Balance, cells_said, contact_said, could_be_plane
 from physics.equilibrium.newton import TOLERANCE, Newton, NewtonMemory
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE, LinearMemory, choose
 from physics.equilibrium.snap import Relaxation
@@ -144,7 +144,7 @@ class LoadPath:
             kinematics = self.linear.said(self.states[-1].u)
         said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells_said(scene)}",
                 "contact": contact_said(scene)}
-        return said | {"factor": self.newton.tangent.solver.name}
+        return said | could_be_plane(self.balance) | {"factor": self.newton.tangent.solver.name}
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""

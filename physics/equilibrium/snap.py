@@ -43,7 +43,8 @@ class Relaxation(Newton):
 
     def __init__(self, balance: Balance) -> None:
         mesh = balance.mesh
-        volumes = cell_volumes(mesh.points, mesh.cells, mesh.cell) / mesh.cells.shape[1]  # (C,) [m3] of each of a cell's nodes
+        whole = mesh.thickness * cell_volumes(mesh.points, mesh.cells, mesh.cell)
+        volumes = whole / mesh.cells.shape[1]  # (C,) [m3] of each of a cell's nodes
         # The stiffness of a step of implicit Euler is K + s M / dt; what is added is s / dt [Pa/m2], the drag.
         self.body = Lumped(balance.body, np.repeat(volumes[:, None], mesh.cells.shape[1], axis=1))
         immersed = copy.copy(balance)

@@ -161,14 +161,13 @@ def _errors(steps: dict[str, tuple[Floats, Floats]], free: NDArray[np.bool_]) ->
 
 
 def _of_shape(u: Floats, truth: Floats, mesh: Mesh) -> dict[str, Any]:
-    """The figures of the deformed mesh; of plane cells, those of a cloth, there are fewer."""
+    """The figures of the deformed mesh; of a cloth, plane cells that leave their plane, there are fewer."""
     predicted, true = mesh.points + u[1:], mesh.points + truth[1:]
     distances = np.array([quality.set_distances(a, b) for a, b in zip(predicted, true, strict=True)])
     cells, found = (mesh.cells, mesh.cell), dict.fromkeys(OF_CELLS, np.nan)
-    if mesh.cell != "quadrilateral":
-        found |= {"mc": float(np.mean(quality.mesh_continuity_error(predicted, true, *cells))),
-                  "ar": float(np.mean(quality.aspect_ratio_error(predicted, true, *cells)))}
-    if mesh.dimension == 3:
+    found |= {"mc": float(np.mean(quality.mesh_continuity_error(predicted, true, *cells))),
+              "ar": float(np.mean(quality.aspect_ratio_error(predicted, true, *cells)))}
+    if mesh.dimension == 3 or not (mesh.points[:, 2].any() or u[..., 2].any()):
         det = quality.det_f(mesh.points, u, *cells)
         found |= {"smallest_det_f": float(det.min()), "smallest_scaled_jacobian": float(quality.scaled_jacobian(predicted, *cells).min()),
                   "inverted_elements": int(np.count_nonzero(~(det > 0), axis=-1).max())}

@@ -183,9 +183,10 @@ class Multigrid:
             matrices[-1].setPreallocationCSR((rows.indptr, rows.indices))
             matrices[-1].setOption(PETSc.Mat.Option.SPD, True)
         self._matrix, self._alone = matrices
-        x = self.elasticity.mesh.points - self.elasticity.mesh.points.mean(axis=0)
+        mesh = self.elasticity.mesh
+        x = mesh.points - mesh.points.mean(axis=0)
         # Of the order of the other diagonal entries: E times the size of a cell.
-        self._typical = self.elasticity.material.young_modulus * float(np.cbrt(np.prod(np.ptp(x, axis=0)) / len(x)))
+        self._typical = self.elasticity.material.young_modulus * float((np.prod(mesh.extent) / len(x)) ** (1 / mesh.dimension))
         basis: list[PETSc.Vec] = []
         for motion in [np.broadcast_to(axis, x.shape) for axis in np.eye(3)] + [np.cross(axis, x) for axis in np.eye(3)]:
             vector = self._matrix.createVecRight()

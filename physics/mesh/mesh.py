@@ -38,6 +38,7 @@ class Mesh:
     remarks: what was found odd when the mesh was read, a line each
     mixed: names that stand for several groups, with what these are called
     middles: where the middle nodes of curved cells lie; see sound/curved.py
+    thickness: of a plane body [m]; sheet: whether that may change, with no stress across it, or cannot, with no strain
     """
 
     points: Floats
@@ -48,6 +49,8 @@ class Mesh:
     remarks: tuple[str, ...] = ()
     mixed: dict[str, tuple[str, ...]] = field(default_factory=dict)
     middles: dict[int, tuple[Integers, Floats]] = field(default_factory=dict)
+    thickness: float = 1.0
+    sheet: bool = False
 
     def __repr__(self) -> str:
         names = f", places {', '.join(self.places)}" if self.places else ""
@@ -57,6 +60,11 @@ class Mesh:
     def dimension(self) -> int:
         """3 for a solid body, 2 for a plane one."""
         return CELLS[self.cell].dimension
+
+    @property
+    def extent(self) -> Floats:
+        """(D,) how large the body is along x, y and, unless it is plane, z [m]."""
+        return np.ptp(self.points, axis=0)[:self.dimension]
 
     @cached_property
     def boundary(self) -> list[Integers]:

@@ -170,8 +170,6 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
         for letter in support.fixed:
             if "xyz".index(letter) < mesh.dimension:
                 free[inside, "xyz".index(letter)] = False
-    if mesh.dimension == 2:
-        fixed[:, 2] = True
     zeros = sum(rigid_motions_left(replace(mesh, points=mesh.points[part]), fixed[part]) for part in pieces(mesh))
     return Problem(stiffness=stiffness, mass=mass, free=free.ravel(), zeros=zeros, scale=_first_bending(scene, mesh),
                    dimension=mesh.dimension, near_null=_rigid_motions(space)), space

@@ -73,12 +73,10 @@ def _rule(kind: str) -> tuple[Floats, Floats, Floats]:
 
 
 def _shapes(kind: str, at: Floats) -> tuple[Floats, Floats]:
-    """(P, n) first-order shape functions and (P, n, d) their gradients; of plane cells those of a prism or hexahedron at its base."""
-    if CELLS[kind].dimension == 3:
-        return CELLS[kind].shapes(at)
-    n = CELLS[kind].corners
-    values, slopes = CELLS[{3: "prism", 4: "hexahedron"}[n]].shapes(np.pad(at, ((0, 0), (0, 1))))
-    return values[:, :n], slopes[:, :n, :2]
+    """(P, n) first-order shape functions and (P, n, d) their gradients."""
+    d = CELLS[kind].dimension
+    values, slopes = CELLS[kind].shapes(np.pad(at, ((0, 0), (0, 3 - d))))
+    return values, slopes[:, :, :d]
 
 
 def _strains(slopes: Floats, x: Floats, u: Floats) -> tuple[Floats, Floats]:

@@ -161,7 +161,7 @@ class Motion:
         contact = self.balance.contact
         if contact is None:
             return False
-        safe = min(contact.obstacle.width, float(np.ptp(self.balance.mesh.points, axis=0).min())) / 2
+        safe = min(contact.obstacle.width, float(self.balance.mesh.extent.min())) / 2
         return self.balance.stride(start, end) + float(np.linalg.norm(self.velocity, axis=1).max()) * h / safe > 1
 
     def _rests(self, u: Floats, fraction: float) -> bool:

@@ -2,6 +2,7 @@
 
     parts   the dataclasses of these, with unit and bounds of every key
     rules   which keys the shapes of bodies and obstacles need, take and refuse
+    plane   what may not act across a plane body
     tables  how loads, supports and the obstacle go along the steps, in the scene or in a CSV file
     change  single values changed from outside
     scene   all of it together: read from TOML, checked, written back
