@@ -5,6 +5,7 @@ A room imports what stands above it in this list, never below:
     segments/     how a mesh is cut, and how good the cut is
     graphs/       what a network sees of a frame
     networks/     what predicts
+    devices       where networks run
     config, keys  what a training is asked for, and how that is told
     samples/      a frame of a trajectory as input and target, noise and scales included
     slender/      beams: theory, and a network for what it leaves over, all poses of a path at once

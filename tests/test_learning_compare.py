@@ -137,7 +137,7 @@ def reported(monkeypatch):
         return {"summary": "words"}
 
     monkeypatch.setattr(module, "report_on", report_on)
-    monkeypatch.setattr(module, "load_model", lambda run: model())
+    monkeypatch.setattr(module, "load_model", lambda run, device: model())
     monkeypatch.setattr(module, "scene_case", lambda path: ["scene", path])
     monkeypatch.setattr(module, "some_cases", lambda *how: ["set", how, "third"])
     before = torch.get_num_threads()

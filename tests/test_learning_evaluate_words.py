@@ -276,7 +276,7 @@ def test_what_newton_steps_make_of_a_network_is_told_by_factor_and_time():
 def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_path):
     given = {}
     model = SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN")
-    monkeypatch.setattr(module, "load_model", lambda run: model)
+    monkeypatch.setattr(module, "load_model", lambda run, device: model)
     one = SimpleNamespace(known="scene")
     monkeypatch.setattr(module, "load_cases", lambda files: [one for _ in files])
     monkeypatch.setattr(
@@ -297,7 +297,8 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
 
 def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
     halvings = {}
-    monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN"))
+    monkeypatch.setattr(module, "load_model", lambda run, device: SimpleNamespace(
+        config=SimpleNamespace(estimate=False), title="M4GN"))
     monkeypatch.setattr(module, "load_cases", lambda files: [SimpleNamespace(known="scene")])
     monkeypatch.setattr(module, "report_on", lambda *given, **how: {})
     monkeypatch.setattr(module, "elements", lambda name, **how: halvings.update({name: how}))

@@ -105,8 +105,9 @@ def test_train_takes_both_splits_and_says_the_error_in_mm(training, capsys):
         "40 steps in 62 s, loss 0.1235, best validation error 0.250 mm (RMSD of whole rollouts over 1 validation trajectory, free nodes): "
         f"{training.out}"]
     assert training.given == ("config of c.toml", [f"{training.data}/train"], [f"{training.data}/valid"], training.out)
-    assert training.named == {"steps": None, "resume": False}
-    assert told(capsys, *arguments, "--steps", "7", "--resume") == RESULT and training.named == {"steps": 7, "resume": True}
+    assert training.named == {"steps": None, "resume": False, "device": "cpu"}
+    assert told(capsys, *arguments, "--steps", "7", "--resume", "--device", "auto") == RESULT
+    assert training.named == {"steps": 7, "resume": True, "device": "auto"}
 
 
 def test_the_seconds_of_a_training_go_before_those_of_its_config(training, capsys, monkeypatch):
@@ -144,7 +145,8 @@ def predicted(monkeypatch, tmp_path):
     moved[1:, truth.free] += [3e-6, 0, 4e-6]
     moved[:, ~truth.free] += 1.0
     prediction = replace(truth, displacement=moved.astype(np.float32), extra={"seconds_per_step": 0.25})
-    monkeypatch.setattr("learning.prediction.checkpoint.load_model", lambda run: f"model of {run}")
+    monkeypatch.setattr("learning.prediction.checkpoint.load_model",
+                        lambda run, device: f"model of {run}" + f" on {device}" * (device != "cpu"))
     return SimpleNamespace(file=file, truth=truth, out=tmp_path / "p.vtkhdf", prediction=prediction, monkeypatch=monkeypatch)
 
 
@@ -206,7 +208,8 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert told(capsys, "pareto", "press.toml") == {"summary": "words"}
     assert called.given == ("press.toml", [], Path("pareto"))
     del called.named["say"]
-    assert called.named == {"count": 5, "split": "test", "refined": None, "repeats": 3, "predictions": [], "functions": [], "only": []}
+    assert called.named == {"count": 5, "split": "test", "refined": None, "repeats": 3, "predictions": [], "functions": [], "device": "cpu",
+                            "only": []}
     spoken(
         capsys,
         "pareto",
@@ -231,7 +234,8 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     called.named["say"]("a line")
     assert capsys.readouterr().out == "a line\n"
     del called.named["say"]
-    assert called.named == {"count": 9, "split": "train", "refined": 0, "repeats": 1, "predictions": [], "functions": [], "only": []}
+    assert called.named == {"count": 9, "split": "train", "refined": 0, "repeats": 1, "predictions": [], "functions": [], "device": "cpu",
+                            "only": []}
     spoken(capsys, "pareto", "press.toml", "--prediction", "f", "--predictor", "m:f", "mine", "--prediction", "g", "n", "2",
            "--only", "trivial, fe")
     assert called.named["predictions"] == [["f"], ["g", "n", "2"]] and called.named["functions"] == [["m:f", "mine"]]

@@ -26,7 +26,7 @@ Source: Pfaff et al. 2021 (arXiv:2010.03409), appendix A.1; Lei et al., M4GN, se
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -123,10 +123,27 @@ class Graph:
     node_code: torch.Tensor | None = None
     segment_code: torch.Tensor | None = None
 
+    def to(self, device: torch.device) -> Graph:
+        """The same on another device, itself where it is there already."""
+        if self.node.device == device:
+            return self
+        return _moved(self, device)
+
     @property
     def owner(self) -> torch.Tensor:
         """(N,) the graph of each node."""
         return self.graph_of_segment[self.segment]
+
+
+def _moved(value: Any, device: torch.device) -> Any:
+    """Tensors, and what consists of them, on a device."""
+    if isinstance(value, torch.Tensor):
+        return value.to(device, non_blocking=True)
+    if isinstance(value, tuple):
+        return tuple(_moved(part, device) for part in value)
+    if is_dataclass(value):
+        return replace(value, **{each.name: _moved(getattr(value, each.name), device) for each in fields(value)})  # type: ignore[type-var]
+    return value
 
 
 def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, overlap: int = 0, walk: int = 0,

@@ -13,7 +13,7 @@ renamed: a training killed at any moment leaves a whole one. No pickle: safetens
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ import torch
 from torch import Tensor
 
 from learning.config import TrainConfig
+from learning.devices import device_of
 from learning.networks.kinds import build
 from learning.networks.stored import read_stored, under, write_stored
 from learning.prediction.memory import keep_freed_memory
@@ -58,6 +59,10 @@ class Model:
     network: torch.nn.Module
     normaliser: Normaliser
     name: str
+
+    def to(self, device: torch.device) -> Model:
+        """The same on another device."""
+        return replace(self, network=self.network.to(device), normaliser=self.normaliser.to(device))
 
     @property
     def title(self) -> str:
@@ -98,8 +103,12 @@ def load_weights(network: torch.nn.Module, saved: Checkpoint, path: str | Path) 
         raise InputError(f"{path}: its weights do not fit its config: {lines[min(1, len(lines) - 1)]}") from None
 
 
-def load_model(run: str | Path) -> Model | Slender:
-    """The best network of a run folder. Raises `InputError` when the folder holds no whole one."""
+def load_model(run: str | Path, device: str = "cpu") -> Model | Slender:
+    """The best network of a run folder, on a device (devices.py; a predictor of beams stays on the processor).
+
+    Raises `InputError` when the folder holds no whole one, or the device is not there.
+    """
+    where = device_of(device)
     path = Path(run) / "model.safetensors"
     about, _ = read_stored(path)
     keep_freed_memory()
@@ -109,4 +118,4 @@ def load_model(run: str | Path) -> Model | Slender:
     config = read_table(TrainConfig, saved.about.get("config"), f"{path}: config")
     network = build(config.network)
     load_weights(network, saved, path)
-    return Model(config, network.eval(), saved.normaliser, str(run))
+    return Model(config, network.eval(), saved.normaliser, str(run)).to(where)

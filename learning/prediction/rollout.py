@@ -135,6 +135,7 @@ def _predict(model: Model, example: Example, targets: list[int], now: list[NDArr
     """(frames, N, 3) predicted displacements [m] of some frames, from one and two frames before each."""
     shown = [describe(example, target, u, v, model.config) for target, u, v in zip(targets, now, before, strict=True)]
     with torch.inference_mode(), products(model.config.network):
-        said = model.normaliser.velocity * model.network(model.normaliser.graph(join([each.graph for each in shown])))
-    outputs = said.numpy().reshape(len(targets), -1, 3)
+        graph = join([each.graph for each in shown]).to(model.normaliser.velocity.device)
+        said = model.normaliser.velocity * model.network(model.normaliser.graph(graph))
+    outputs = said.cpu().numpy().reshape(len(targets), -1, 3)
     return np.stack([each.base + each.unit * output for each, output in zip(shown, outputs, strict=True)])

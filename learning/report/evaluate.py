@@ -44,7 +44,7 @@ SAMPLE = 25  # frames of a trajectory at which the equations are checked
 
 
 def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, correct: int = 1, refined: int = 1,
-             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (),
+             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (), device: str = "cpu",
              say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Roll a trained network out over test trajectories and write the report folder.
 
@@ -55,6 +55,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         correct: orders of magnitude by which Newton steps correct each frame of a rollout
         refined: how many of the test scenes are solved on finer cells as well
         predictions, functions: what users bring along, see `own_predictors`
+        device: where the network runs
         say: takes a line of what comes out
 
     Returns:
@@ -65,7 +66,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
     """
     if not files:
         raise InputError("no trajectories to evaluate on")
-    model = load_model(run)
+    model = load_model(run, device)
     cases = load_cases(files)
     alone = [estimated(f"{model.title}, its estimate alone")] if has_estimate(model) else []
     own, about = own_predictors(predictions, functions, cases)

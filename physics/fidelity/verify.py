@@ -146,18 +146,24 @@ def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene | None, 
         of_first = np.full_like(of_first, np.nan)
     error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))  # (T,)
     return Fidelity(
-        **_errors({"1": (first, of_first), "50": (u[1:51], truth[1:51]), "all": (u[1:], truth[1:])}, free),
+        **_errors({"1": (first, of_first), "50": (u[1:51], truth[1:51]), "all": (u[1:], truth[1:])}, free,
+                  _space(mesh, truth)),
         worst_step=int(np.argmax(error)), **_of_shape(u, truth, mesh), **_of_equations(u, truth, error, scene, mesh, free, sample))
 
 
-def _errors(steps: dict[str, tuple[Floats, Floats]], free: NDArray[np.bool_]) -> dict[str, Any]:
+def _errors(steps: dict[str, tuple[Floats, Floats]], free: NDArray[np.bool_], space: int) -> dict[str, Any]:
     """Every kind of root mean square of some steps, by their name: prediction and truth (T, N, 3)."""
     found: dict[str, Any] = {}
     for name, pair in steps.items():
         for where, nodes in (("", free), ("_all_nodes", slice(None))):
-            found |= {f"rmsd_{name}{where}": quality.rmsd(*pair, nodes), f"rmse_{name}{where}": quality.rmse(*pair, nodes),
-                      f"rmse_{name}_by_step{where}": quality.rmse(*pair, nodes, by_step=True)}
+            found |= {f"rmsd_{name}{where}": quality.rmsd(*pair, nodes), f"rmse_{name}{where}": quality.rmse(*pair, nodes, space=space),
+                      f"rmse_{name}_by_step{where}": quality.rmse(*pair, nodes, by_step=True, space=space)}
     return found
+
+
+def _space(mesh: Mesh, truth: Floats) -> int:
+    """Along how many axes a body extends or moves: 2 for one in a plane, 3 for a cloth."""
+    return max(1, int(np.count_nonzero((np.ptp(mesh.points, axis=0) > 0) | truth.any(axis=(0, 1)))))
 
 
 def _of_shape(u: Floats, truth: Floats, mesh: Mesh) -> dict[str, Any]:

@@ -40,17 +40,19 @@ def rmsd(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice =
     return float(np.sqrt(np.mean(np.sum(_squares(prediction, reference, nodes), axis=-1))))
 
 
-def rmse(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice = slice(None), *, by_step: bool = False) -> float:
+def rmse(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice = slice(None), *, by_step: bool = False,
+         space: int = 3) -> float:
     """Root mean square error of a coordinate [m], as DeepMind's evaluation of MeshGraphNets counts, and papers after it.
 
-    sqrt(mean over frames, nodes and components of (prediction - reference)^2), which is rmsd / sqrt(D); by_step: the mean over frames of
-    each frame's own root, which is never more.
+    sqrt(mean over frames, nodes and components of (prediction - reference)^2), which is rmsd / sqrt(space).
 
     Args:
         prediction, reference, nodes: as of rmsd, with frames in front
+        by_step: the mean over frames of each frame's own root, which is never more
+        space: how many components count: 2 for a body in a plane, whose third is always zero
     """
-    squares = _squares(prediction, reference, nodes)
-    return float(np.mean(np.sqrt(np.mean(squares, axis=(-2, -1)))) if by_step else np.sqrt(np.mean(squares)))
+    squares = np.sum(_squares(prediction, reference, nodes), axis=-1) / space
+    return float(np.mean(np.sqrt(np.mean(squares, axis=-1))) if by_step else np.sqrt(np.mean(squares)))
 
 
 def _squares(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice) -> Floats:
