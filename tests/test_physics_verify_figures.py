@@ -8,6 +8,8 @@ import pytest
 
 from physics.fidelity.figures import gathered
 from physics.fidelity.verify import Checker, as_table, verify
+from physics.mesh.build import build_mesh
+from physics.scene import Body
 from tests.bars import HX, HY, HZ, LAMBDA, MU, ORIGIN, bar, node_at, stress
 
 # Frames 0 .. 61; a free node is off by AMOUNT (2, 3, 6) um, of length 7, a held one by HELD (1, -2, 2) um, of length 3.
@@ -246,3 +248,14 @@ def test_figures_of_several_paths_are_means_extremes_and_of_errors_as_published_
     found = gathered([dict.fromkeys(keys, 1.0), dict.fromkeys(keys, 7.0) | {"rmse_1": np.nan}])
     assert found == pytest.approx({"rmsd_all": 4.0, "rmse_1": 1.0, "rmse_all": 5.0, "rmse_all_by_step": 4.0, "rmse_50_all_nodes": 5.0,
                                    "rmse_1_by_step_all_nodes": 4.0, "smallest_det_f": 1.0})
+
+
+def test_a_body_in_a_plane_has_two_coordinates():
+    mesh = build_mesh(Body(shape="plate", length=1.0, width=1.0, cells=(2, 1), cell="triangle", plane="strain", thickness=0.1))
+    truth = np.zeros((3, len(mesh.points), 3))
+    prediction = truth + [3e-3, 4e-3, 0]
+    free = np.ones(len(mesh.points), bool)
+    found = verify(prediction, truth, scene=None, mesh=mesh, free=free)
+    assert found.rmsd_all == pytest.approx(5e-3) and found.rmse_all == found.rmse_all_by_step == pytest.approx(5e-3 / 2**0.5)
+    truth[2, 0, 2] = 1e-9  # a cloth, which leaves its plane
+    assert verify(prediction, truth, scene=None, mesh=mesh, free=free).rmse_all == pytest.approx(5e-3 / 3**0.5)
