@@ -200,7 +200,7 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
               "largest_relative_residual": float(solution.relative_residual.max()),
               "largest_penetration": float(solution.penetration.max()),
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
-              **({"obstacle": trajectory.per_frame["obstacle"][1:].tolist()} if "obstacle" in trajectory.per_frame else {}),
+              **{name: rows[1:].tolist() for name, rows in trajectory.per_frame.items() if name.startswith(("obstacle", "reaction_"))},
               "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
               "resumed_after_step": solution.resumed, "remarks": list(solution.mesh.remarks)}
     say(f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "

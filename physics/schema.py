@@ -190,7 +190,8 @@ def _value(hint: Any, value: Any, where: str) -> Any:
         tables = [a for a in arguments if isinstance(value, dict) and dataclasses.is_dataclass(a)]
         if len(tables) > 1:
             return _value(_of_kind(tables, value, where), value, where)
-        return _value(next((a for a in arguments if a is type(value)), next(iter(tables), arguments[0])), value, where)
+        alike = (a for a in arguments if a is type(value) or a in tables or (isinstance(value, list) and typing.get_origin(a) is tuple))
+        return _value(next(alike, arguments[0]), value, where)
     if dataclasses.is_dataclass(hint):
         return read_table(hint, value, where)  # type: ignore[arg-type]
     if origin is tuple:

@@ -53,6 +53,7 @@ class Solution:
     model: dict[str, str]  # what was modelled, and why
     seconds: float
     set_up: float  # [s] of the processor, before the first step
+    reactions: Floats | None = None  # (T, K, 3) [N] of the body on each of K obstacles; None unless there are several
     kinetic_energy: Floats | None = None  # (T,) [J]; None where inertia is left out
     linear_steps: int = 0  # the first ones, which solve linear elasticity
     resumed: int = 0  # steps that an earlier, unfinished run had reached

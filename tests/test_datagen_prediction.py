@@ -156,6 +156,7 @@ def test_millimetres_and_positions_are_noticed(truth, tmp_path):
     u = truth.displacement[:, truth.body].astype(float)
     rough = u + 2e-4 * np.random.default_rng(0).standard_normal(u.shape)
     assert told(rough) == told(100 * u) == told(1e4 * u) == told(-1e3 * u) == told(0 * u) == told(1e3 * (rough - u)) == ""
+    assert told(299 * u) == told(3000.5 * u) == "" and "millimetres" in told(301 * u) and "millimetres" in told(2999 * u)
     assert "are they in millimetres?" in told(1e3 * rough) and "1e+03 times" in told(1e3 * u)
     assert "positions" in told(rough + truth.points[truth.body])
     write_trajectory(tmp_path / "p.vtkhdf", dataclasses.replace(truth, displacement=1000 * truth.displacement))

@@ -3,6 +3,7 @@
 import math
 import time
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from datagen.sets.generate import trajectory_of
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.prediction.rivals import trivial
 from learning.report import measure as module
-from learning.report.measure import _row, measure
+from learning.report.measure import _doubt, _row, measure
 from physics.mesh.build import build_mesh
 from tests.scenes import pressed
 
@@ -266,3 +267,20 @@ def test_nothing_is_kept_of_what_was_measured_before():
     first, second = run(made("a", "learned")), run(made("b"))
     assert len(first.frames) == 1 and second.frames == [] and [row.name for row in second.rows] == ["b"] and second.notes == []
     assert second.solved_again == 0
+
+
+def test_an_error_bar_is_held_against_the_errors_of_the_frames_that_have_one():
+    """Of five frames the last three have a bar, of 1, 2 and 6 m, and errors of 3, 2 and 0 m; the rest state is never counted as unsure."""
+    truth = np.zeros((5, 2, 3))
+    path = truth.copy()
+    path[:, 0, 1] = [9, 9, 3, 2, 0]
+    one = SimpleNamespace(truth=truth, free=np.array([True, False]))
+
+    def told(bar, unsure):
+        return _doubt(Prediction(path=path, seconds=0.0, bar=np.array(bar, float), unsure=np.array(unsure, bool)), one)
+
+    assert told([0, 0, 1, 2, 6], [1, 1, 0, 0, 0]) == {"error_bar": 3.0, "covered": pytest.approx(2 / 3), "unsure": 0.25}
+    never = told([0] * 5, [0, 1, 0, 0, 1])
+    assert never["unsure"] == 0.5 and np.isnan([never["error_bar"], never["covered"]]).all()
+    silent = _doubt(Prediction(path=path, seconds=0.0), one)
+    assert list(silent) == ["error_bar", "covered", "unsure"] and np.isnan(list(silent.values())).all()

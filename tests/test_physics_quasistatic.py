@@ -238,6 +238,13 @@ def test_scenes_of_other_kinds_are_refused(changes):
         estimator_of(replace(trajectory, scene=""))
 
 
+def test_scenes_of_several_obstacles_or_materials_are_refused():
+    box = {"box": [[0, 0, 0], [TABLE["body"]["length"] / 2, 1, 1]]}
+    for several in ({"obstacle": [TABLE["obstacle"]] * 2}, {"material": [TABLE["material"] | {"where": box}, TABLE["material"]]}):
+        with pytest.raises(InputError, match="knows one obstacle and one material"):
+            estimator_of(replace(unsolved(), scene=read_scene(TABLE | several).to_toml()))
+
+
 def test_a_state_far_from_the_pose_is_reached_in_halves():
     """Each half no longer than a cell; where Newton's method never leads there, the body stays and the pose is the new one."""
     press, asked = Press.__new__(Press), []

@@ -9,6 +9,7 @@ import pytest
 from physics.fidelity.figures import gathered
 from physics.fidelity.verify import Checker, as_table, verify
 from physics.mesh.build import build_mesh
+from physics.mesh.shapes.boxes import rectangle
 from physics.scene import Body
 from tests.bars import HX, HY, HZ, LAMBDA, MU, ORIGIN, bar, node_at, stress
 
@@ -259,3 +260,17 @@ def test_a_body_in_a_plane_has_two_coordinates():
     assert found.rmsd_all == pytest.approx(5e-3) and found.rmse_all == found.rmse_all_by_step == pytest.approx(5e-3 / 2**0.5)
     truth[2, 0, 2] = 1e-9  # a cloth, which leaves its plane
     assert verify(prediction, truth, scene=None, mesh=mesh, free=free).rmse_all == pytest.approx(5e-3 / 3**0.5)
+
+
+@pytest.mark.parametrize("cell, continuity", [("triangle", True), ("quadrilateral", False)])
+def test_of_plane_cells_a_cloths_quadrilaterals_have_no_continuity_and_none_has_a_volume(cell, continuity):
+    """The second of two squares becomes a tenth longer, which the truth does not."""
+    mesh = rectangle(Body(shape="plate", length=2.0, width=1.0, cells=(2, 1), cell=cell))
+    moved = np.zeros((2, len(mesh.points), 3))
+    moved[1, mesh.points[:, 0] == 2.0, 0] = 0.1
+    found = verify(moved, np.zeros_like(moved), scene=None, mesh=mesh, free=np.ones(len(mesh.points), bool))
+    assert [bool(np.isfinite(found.mc)), bool(np.isfinite(found.ar))] == [continuity] * 2 and np.isnan(found.smallest_det_f)
+    if continuity:
+        # Four triangles in a row, of 0.5, 0.5, 0.55 and 0.55 m2: the inner two have a neighbour 1.1 times as large or small.
+        assert found.mc == pytest.approx((0 + 0.1 + 0.1 + 0) / 4, rel=1e-6)
+    assert found.gf_h == pytest.approx(0.1)

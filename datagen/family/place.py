@@ -47,8 +47,7 @@ def placed(table: dict[str, Any]) -> dict[str, Any]:
     obstacle, place = _turned(table["obstacle"])
     # Read and check all but the path, which needs the body's extent and the obstacle's size.
     scene = read_scene({**table, "obstacle": {**obstacle, "path": [[0.0, 0.0, 0.0]]}})
-    assert scene.obstacle is not None
-    return {**obstacle, "path": _path(place, scene.body, scene.obstacle)}
+    return {**obstacle, "path": _path(place, scene.body, scene.obstacles[0])}
 
 
 def placed_on(body: Body, obstacle: dict[str, Any]) -> Obstacle:

@@ -3,7 +3,7 @@
     stress      (T, N, 6)  Cauchy stress [Pa] at the nodes: xx, yy, zz, xy, yz, xz, the order of symmetric tensors in VTK
     von_mises   (T, N, 1)  von Mises' measure of it [Pa]
 
-Both are zero on the obstacle. Legend: T frames, N nodes, body first.
+Both are zero on the obstacle; at a node of two materials they are the mean. Legend: T frames, N nodes, body first.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ VTK_ORDER = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]
 
 def stress_fields(scene: Scene, solution: Solution, trajectory: Trajectory) -> dict[str, NDArray[np.float32]]:
     """Stress in every frame of a solution, as `fields` of the trajectory that was made of it."""
-    at_nodes, mesh = recovery(solution.mesh), solution.mesh
+    at_nodes, mesh = recovery(solution.mesh, scene.material), solution.mesh
     stress = np.zeros((*trajectory.displacement.shape[:2], 6), np.float32)
     measure = np.zeros((*trajectory.displacement.shape[:2], 1), np.float32)
     for t, u in enumerate(solution.displacement):

@@ -1,4 +1,4 @@
-"""One trajectory file: a body and its obstacle over all steps.
+"""One trajectory file: a body and its obstacles over all steps.
 
 The file is VTKHDF (HDF5 by another name): ParaView opens it with a time slider, h5py reads it as arrays. PyVista shows the first
 frame; `reader = pyvista.get_reader(path); reader.reader.SetStep(7); mesh = reader.read()` is frame 7.
@@ -18,8 +18,9 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         NAME                    (T N, k) float32  optional: whatever else changes, such as stress (fields.py, or that of
                                                   an imported set); @fields
       FieldData                 one row for each frame
-        obstacle                (T, 3) float64   [m] its centre; a file may lack it
-        reaction                (T, 3) float64   [N] force of the body on the obstacle (without one: on its supports)
+        obstacle                (T, 3) float64   [m] its centre; a file may lack it. Of several obstacle_1, obstacle_2, ...
+        reaction                (T, 3) float64   [N] force of the body on the obstacle (without one: on its supports). Of several
+                                                 the sum; of each reaction_1, reaction_2, ...
         energy                  (T,) float64     [J] stored
         penetration             (T,) float64     [m] largest, 0 without contact
         smallest_det_f          (T,) float64

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.family.family import SPLITS
+from datagen.files.inputs import centres, numbered
 from datagen.files.places import remarks_on_file
 from datagen.files.solved import as_solved, solved_on
 from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
@@ -30,6 +31,7 @@ from datagen.sets.dataset import digest, read_manifest
 from datagen.sets.workers import progress
 from physics.body.schedule import Moves
 from physics.body.supports import held
+from physics.contact.conditions import cell_size
 from physics.contact.obstacles import Rigid
 from physics.equilibrium.newton import TOLERANCE
 from physics.fem import release
@@ -110,27 +112,29 @@ def against_scene(trajectory: Trajectory, *, steps: int = 5) -> list[str]:
     det = smallest_det_f(mesh.points, body, mesh.cells, mesh.cell)
     if not det.min() > 0:
         found.append(f"det F = {det.min():.2g} at step {det.argmin()}: a cell is inverted")
-    if scene.obstacle is not None:
-        found += _against_obstacle(trajectory, scene, mesh, fixed, rounding)
+    if scene.obstacles:
+        found += _against_obstacles(trajectory, scene, mesh, fixed, rounding)
     return found or ([] if scene.steps.dynamic else _against_equilibrium(trajectory, scene, mesh, steps))
 
 
-def _against_obstacle(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: NDArray[np.bool_], rounding: float) -> list[str]:
-    """What contradicts the obstacle's motion and its hardness."""
-    assert scene.obstacle is not None
-    rigid, steps, found = Rigid(scene.obstacle), scene.steps.count, []
-    way = np.array([rigid.position(step / steps) for step in range(steps + 1)])  # (T, 3)
-    moved = trajectory.displacement[:, trajectory.node_kind == OBSTACLE]
-    off = abs(moved - (way - way[0])[:, None]).max(initial=0.0)
-    if off > rounding:
-        found.append(f"the obstacle leaves its path by {off:.2g} m")
+def _against_obstacles(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: NDArray[np.bool_], rounding: float) -> list[str]:
+    """What contradicts the motion of the obstacles and their hardness."""
+    found, way = [], centres(scene, scene.steps.count + 1)  # (T, K, 3)
     loose = np.flatnonzero(~fixed.all(axis=1))
     body = mesh.points[loose] + trajectory.displacement[:, loose].astype(np.float64)
-    deepest = np.array([-rigid.gap(x, centre)[0].min() for x, centre in zip(body, way, strict=True)])
-    deepest = np.maximum(deepest, trajectory.per_frame.get("penetration", 0.0))
-    limit = PENETRATION * float(mesh.extent.min())
-    if deepest.max() > limit:
-        found.append(f"the obstacle penetrates {deepest.max():.2g} m at step {deepest.argmax()}; {limit:.2g} m is allowed")
+    limit, each = PENETRATION * float(mesh.extent.min()), [Rigid(obstacle) for obstacle in scene.obstacles]
+    around = [rigid.surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2)[0] for rigid in each[:-1]]
+    ends = np.cumsum([len(points) for points in around], dtype=np.int64)
+    moved = np.split(trajectory.displacement[:, trajectory.node_kind == OBSTACLE], ends, axis=1)
+    for k, rigid in enumerate(each):
+        name = "the obstacle" if len(each) == 1 else f"obstacle {k + 1}"
+        off = abs(moved[k] - (way[:, k] - way[0, k])[:, None]).max(initial=0.0)
+        if off > rounding:
+            found.append(f"{name} leaves its path by {off:.2g} m")
+        deepest = np.array([-rigid.gap(x, centre)[0].min() for x, centre in zip(body, way[:, k], strict=True)])
+        deepest = np.maximum(deepest, trajectory.per_frame.get("penetration", 0.0))
+        if deepest.max() > limit:
+            found.append(f"{name} penetrates {deepest.max():.2g} m at step {deepest.argmax()}; {limit:.2g} m is allowed")
     return found
 
 
@@ -153,9 +157,9 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
             other = checker.frame(near, t / count)
             lost = max(lost, float(np.linalg.norm(elasticity.force(near) - force)))
             lost_energy = max(lost_energy, abs(other.energy - found.energy))
-            lost_reaction = max(lost_reaction, float(np.linalg.norm(other.reaction - found.reaction)))
+            lost_reaction = max(lost_reaction, float(np.linalg.norm(other.reactions - found.reactions)))
         # The solver stops at its floor where rounding in f itself takes over.
-        scale = max(float(np.linalg.norm(found.reaction)), float(np.linalg.norm(force[fixed])))
+        scale = max(found.push, float(np.linalg.norm(force[fixed])))
         allowed = max(TOLERANCE * scale, balance.floor) + ROUNDING * lost
         if not found.residual <= allowed:
             return [f"no equilibrium at step {t}: |R| = {found.residual:.2g} N, where rounding allows {allowed:.2g} N"]
@@ -165,8 +169,9 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
         room = 1e-9 * abs(found.energy) + balance.floor * balance.size + ROUNDING * lost_energy
         if stored is not None and not abs(stored[t] - found.energy) <= room:
             return [f"energy {stored[t]:.6g} J at step {t}, computed anew {found.energy:.6g} J"]
-        stored = trajectory.per_frame.get("reaction")
-        # What the solver left over may be missing in the sum as well.
-        if stored is not None and not np.linalg.norm(stored[t] - found.reaction) <= allowed + ROUNDING * lost_reaction:
-            return [f"reaction {np.round(stored[t], 6).tolist()} N at step {t}, computed anew {np.round(found.reaction, 6).tolist()} N"]
+        for name, (anew,) in (numbered("reaction", found.reactions[None]) | {"reaction": found.reaction[None]}).items():
+            stored = trajectory.per_frame.get(name)
+            # What the solver left over may be missing in the sum as well.
+            if stored is not None and not np.linalg.norm(stored[t] - anew) <= allowed + ROUNDING * lost_reaction:
+                return [f"{name} {np.round(stored[t], 6).tolist()} N at step {t}, computed anew {np.round(anew, 6).tolist()} N"]
     return []

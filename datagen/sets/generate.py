@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, draw
-from datagen.files.inputs import centres
+from datagen.files.inputs import centres, numbered
 from datagen.files.places import mesh_file, places_of
 from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
@@ -37,7 +37,7 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.modes.elastic import elastic_modes
 from physics.motion.inertia import inertia
-from physics.scene import PLANE_CELLS, Body, Scene, Steps
+from physics.scene import PLANE_CELLS, Body, Material, Scene, Steps
 from physics.schema import InputError
 from physics.solution import Solution, solve
 
@@ -51,7 +51,7 @@ class OverTime(RuntimeError):
 
 def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int = 0, index: int = 0,
                   on_step: Callable[[int], None] | None = None) -> Trajectory:
-    """The solution of a scene, computed unless given, with its first elastic mode and the obstacle's surface moving along.
+    """The solution of a scene, computed unless given, with its first elastic mode and the obstacles' surfaces moving along.
 
     Modes within 2 % of the first frequency belong to it, as the two bending planes of a square beam do: all are kept, four at most.
 
@@ -70,13 +70,16 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     first = np.flatnonzero(np.array(modes.frequencies_hz) <= CLUSTER * modes.frequencies_hz[0])
     nodes, frames = len(mesh.points), len(solution.displacement)
     kind = np.where(fixed.all(axis=1), HANDLE, NORMAL)  # what is held in part moves by itself in the rest
-    points, triangles, moved, way = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3)), {}
-    if scene.obstacle is not None:
-        rigid, size = Rigid(scene.obstacle), cell_size(mesh)
-        around, triangles = rigid.surface_mesh(mesh.points, size=size, plane=mesh.dimension == 2)
-        way = {"obstacle": centres(scene, frames)}
-        moved = np.repeat((way["obstacle"] - rigid.path[0])[:, None], len(around), axis=1)
-        points = np.concatenate([mesh.points, around])
+    points, triangles, path = mesh.points, np.empty((0, 3), np.int64), [solution.displacement]
+    way = centres(scene, frames)
+    for obstacle, centre in zip(scene.obstacles, way.transpose(1, 0, 2), strict=True):
+        rigid = Rigid(obstacle)
+        around, facets = rigid.surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2)
+        triangles = np.concatenate([triangles, facets + len(points) - nodes])
+        path.append(np.repeat((centre - rigid.path[0])[:, None], len(around), axis=1))
+        points = np.concatenate([points, around])
+    of_each = (numbered("obstacle", way) if scene.obstacles else {}) | (
+        {} if solution.reactions is None else numbered("reaction", solution.reactions))
     from_file = scene.body.shape == "file"
     corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
     shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
@@ -93,12 +96,12 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         offsets=np.concatenate([[0], np.cumsum(corners)]),
         types=np.repeat([CELLS[mesh.cell].vtk, CELLS["triangle"].vtk], [len(mesh.cells), len(triangles)]).astype(np.uint8),
         node_kind=np.concatenate([kind, np.full(len(points) - nodes, OBSTACLE)]).astype(np.uint8),
-        displacement=np.concatenate([solution.displacement, moved], axis=1).astype(np.float32),
+        displacement=np.concatenate(path, axis=1).astype(np.float32),
         modes=shapes.astype(np.float32), frequencies_hz=tuple(float(modes.frequencies_hz[i]) for i in first),
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
                    "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released,
-                   **moving, **way},
+                   **moving, **of_each},
         scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
         extra=extra, places=places_of(mesh) if from_file else None)
 
@@ -266,11 +269,10 @@ def _of(scene: Scene, found: Trajectory) -> bool:
 def compile_forms(scenes: list[Scene]) -> None:
     """Compile what the workers will need, before they start: at once they would race for the cache on disk."""
     cell_of = {body: build_mesh(body).cell if body.shape == "file" else body.cell for body in {scene.body for scene in scenes}}
-    kinds = {(cell_of[scene.body], scene.body.plane, scene.material.law): scene for scene in scenes}
-    for (cell, plane, _), like in kinds.items():
+    for cell, plane, law in {(cell_of[scene.body], scene.body.plane, own.law): None for scene in scenes for own in scene.materials}:
         body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=cell)
         if cell in PLANE_CELLS:
             body = Body(shape="plate", length=1.0, width=1.0, cells=(1, 1), cell=cell, plane=plane)
-        scene = Scene(body=body, material=like.material, steps=Steps(count=1))
+        scene = Scene(body=body, material=Material(law=law, young_modulus=1.0, poisson_ratio=0.3), steps=Steps(count=1))
         solve(scene)
         elastic_modes(scene, count=1)

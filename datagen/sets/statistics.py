@@ -86,7 +86,7 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
     if trajectory.scene:
         scene = Scene.from_toml(trajectory.scene)
         row |= {"support": " and ".join(str(support.where) for support in scene.support) or "none",
-                "obstacle": scene.obstacle.shape if scene.obstacle else "none"}
+                "obstacle": scene.pressed_by}
     for name, value in trajectory.per_frame.items():
         if name == "reaction":
             row["reaction_largest"] = float(np.linalg.norm(value, axis=1).max())
@@ -94,7 +94,9 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
             row[name] = float(value.min())
         elif name == "newton_iterations":
             row[name] = float(value[1:].mean()) if len(value) > 1 else 0.0
-        elif name != "obstacle":
+        elif name.startswith("reaction_"):
+            row[f"{name}_largest"] = float(np.linalg.norm(value, axis=1).max())
+        elif not name.startswith("obstacle"):
             row[f"{name}_largest"] = float(value.max())
     if "relative_residual" in trajectory.per_frame:
         row["solver_noise"] = float(trajectory.per_frame["relative_residual"].max()) * row["displacement_rms"]

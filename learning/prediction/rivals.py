@@ -86,9 +86,9 @@ def elements(name: str, *, halvings: int = 0, fewer: int = 1, tolerance: float =
             raise LeftOut("the mesh is that of a file, which is not made coarser" if case.scene.body.shape == "file" else
                           "there are no cells left to halve")
         if law is not None:
-            if scene.material.law == law:
+            if all(material.law == law for material in scene.materials):
                 raise LeftOut(f"the material is {law} already")
-            scene = replace(scene, material=replace(scene.material, law=law))
+            scene = scene.under(law)
         count = max(1, round(case.steps / fewer))
         own = case.mesh if scene.body.shape == "file" else None  # a shape's is built, a part of the set-up
         mesh, path, set_up, seconds, iterations = follow(replace(scene, steps=Steps(count=count)), tolerance, own)

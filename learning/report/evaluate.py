@@ -204,7 +204,8 @@ def _facts(runs: dict[str, Model | Slender], cases: Sequence[Case], found: Measu
     return facts | {
         "truth": "the files: they hold no scene, so there are no equations to check, and no reference that could be solved again"
                  if any(case.known is None for case in cases) else
-                 f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
+                 f"first-order {_words(case.mesh.cell + 's' for case in cases)}, "
+                 f"{_words(material.law for case in cases for material in case.scene.materials)}; "
                  f"solved again here, it differs from the files by {1e3 * found.solved_again:.1e} mm at most (they hold 32-bit numbers)",
         "equations": f"checked at up to {SAMPLE} frames of each trajectory, everything else at all frames",
         "machine": f"{processor()}, {os.cpu_count()} cores; {platform.platform()}",
@@ -284,8 +285,8 @@ def _of_doubt(rows: Sequence[Row], cases: Sequence[Case]) -> list[str]:
 def _material(case: Case) -> str:
     if case.known is None:
         return "not known"
-    material = case.known.material
-    return f"{material.law} (E = {material.young_modulus:.3g} Pa, nu = {material.poisson_ratio:.3g})"
+    return " and ".join(f"{material.law} (E = {material.young_modulus:.3g} Pa, nu = {material.poisson_ratio:.3g})"
+                        for material in case.known.materials)
 
 
 def _words(values: Any) -> str:

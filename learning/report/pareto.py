@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from learning.report.table import Row
 
@@ -101,8 +100,8 @@ def _label(axes: Any, labels: list[tuple[str, tuple[float, float], str]]) -> boo
     for number, (text, point, colour) in enumerate(labels):
         # A label must not stand nearer to another point than to its own.
         near = [box.padded(7) if other != number and other < len(labels) else box for other, box in enumerate(taken)]
-        note = axes.annotate(text, point, xytext=(0, 0), textcoords="offset points", fontsize=8.5, color=colour)
-        size = np.array(Text.get_window_extent(note, renderer).size)  # of the text alone: an arrow leads back to the point
+        note = axes.text(*point, text, fontsize=8.5)
+        size = np.array(note.get_window_extent(renderer).size)
         note.remove()
         fewest, best, where = math.inf, PLACES[0], inside
         for place in PLACES:

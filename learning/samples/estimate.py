@@ -74,7 +74,7 @@ def estimator_of(trajectory: Trajectory) -> Estimator:
         raise InputError('the trajectory holds no scene, which estimate = true needs: train with estimate = false')
     scene, body = Scene.from_toml(trajectory.scene), trajectory.body
     moved = trajectory.displacement[:, ~body].astype(np.float64).mean(axis=1) if not body.all() else np.zeros((1, 3))  # (T, 3)
-    start = np.zeros(3) if scene.obstacle is None else np.array(scene.obstacle.path[0])
+    start = np.array(scene.obstacles[0].path[0]) if scene.obstacles else np.zeros(3)
     return Estimator(scene, trajectory.mesh, trajectory.node_kind[body] == HANDLE, start + moved)
 
 

@@ -48,9 +48,9 @@ class Kernel:
         """(C,) [J] at displacements (N, 3) [m], for Lame's parameters (lambda, mu) [Pa]."""
         return self._run("energies", u, lame, np.empty(len(self.cells)))
 
-    def forces(self, u: Floats, lame: tuple[float, float]) -> Floats:
-        """(N, 3) internal nodal forces [N]."""
-        return self._run("forces", u, lame, np.zeros(u.shape))
+    def forces(self, u: Floats, lame: tuple[float, float], out: Floats | None = None) -> Floats:
+        """(N, 3) internal nodal forces [N], added to others where there are some."""
+        return self._run("forces", u, lame, np.zeros(u.shape) if out is None else out)
 
     def add_stiffness(self, u: Floats, lame: tuple[float, float], slot: NDArray[np.int32], out: Floats) -> None:
         """Add the upper half of each cell's tangent stiffness, row by row, to out[slot], slot (C, d (d + 1) / 2)."""

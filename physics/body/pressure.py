@@ -26,7 +26,7 @@ from physics.body.elasticity import Elasticity
 from physics.body.schedule import share
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
-from physics.scene import Load, Material
+from physics.scene import Load, Materials
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -80,7 +80,7 @@ class Pressed(Elasticity):
     fraction: of the steps, at which the pressures act; factored: that of the stiffness that was asked for last
     """
 
-    def __init__(self, mesh: Mesh, material: Material, fixed: NDArray[np.bool_], element: str,
+    def __init__(self, mesh: Mesh, material: Materials, fixed: NDArray[np.bool_], element: str,
                  faces: list[tuple[list[Integers], Load]]) -> None:
         """Args: faces: facets, and the load whose pressure they are under."""
         super().__init__(mesh, material, fixed, element)

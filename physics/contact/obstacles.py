@@ -25,7 +25,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.contact.surfaces import Surface, box, disc, divide, rounded, square, turned
+from physics.contact.surfaces import Surface, box, capped, disc, divide, rounded, square, turned
 from physics.scene import Obstacle
 
 Floats = NDArray[np.float64]
@@ -98,7 +98,7 @@ class Sphere(_Round):
         return self.radius
 
     def mesh(self, along: Floats, size: float) -> Surface:
-        return _capped(self.radius, 0.0, size)
+        return capped(self.radius, 0.0, size)
 
 
 class Cylinder(_Round):
@@ -121,7 +121,7 @@ class Capsule(_Round):
         return self.radius + self.length / 2 * abs(float(self.axis[axis]))
 
     def mesh(self, along: Floats, size: float) -> Surface:
-        return _capped(self.radius, self.length, size)
+        return capped(self.radius, self.length, size)
 
 
 class Box:
@@ -196,6 +196,27 @@ class Rigid:
     def width(self) -> float:
         """The smallest extent [m]; infinite for a half-space."""
         return self.shape.width
+
+    @property
+    def each(self) -> tuple[Rigid, ...]:
+        """This one, as the only one; these five are what several have as well (several.py)."""
+        return (self,)
+
+    def among(self, points: NDArray[np.int64]) -> Rigid:
+        """The obstacle of some points: this one."""
+        return self
+
+    def offset(self, points: Floats, centre: Floats) -> Floats:
+        """(Q, 3) points seen from the centre."""
+        return points - centre
+
+    def along(self, normal: Floats, vector: Floats) -> Floats:
+        """(Q,) parts of a vector (3,) along normals (Q, 3)."""
+        return normal @ vector
+
+    def sums(self, force: Floats, normal: Floats) -> Floats:
+        """(1, 3) the sum of forces (Q,) along normals (Q, 3)."""
+        return (force @ normal)[None]
 
     def position(self, fraction: float) -> Floats:
         """(3,) centre [m] at a fraction 0 .. 1 of the steps; between way-points on a straight line."""
@@ -273,13 +294,3 @@ def _bend(normal: Floats, distance: Floats, straight: Floats, ball: NDArray[np.b
     found[:, 1] = straight * size * ball[:, None]
     found[:, 0] = np.cross(straight, normal) * size
     return found
-
-
-def _capped(radius: float, length: float, size: float) -> Surface:
-    """A capsule, or a sphere where it has no length."""
-    heights = divide(-length / 2, length / 2, size)
-    angles = divide(0.0, np.pi / 2, size / radius)[1:]
-    cap = radius * np.stack([np.cos(angles), np.sin(angles)])  # (2, rows): the last one is the pole
-    radii = np.concatenate([cap[0, -2::-1], np.full(len(heights), radius), cap[0, :-1]])
-    heights = np.concatenate([heights[0] - cap[1, -2::-1], heights, heights[-1] + cap[1, :-1]])
-    return turned(radii, heights, size, poles=(-length / 2 - radius, length / 2 + radius))

@@ -34,6 +34,16 @@ def turned(radii: Floats, heights: Floats, size: float, poles: tuple[float, floa
     return points, np.concatenate(triangles)
 
 
+def capped(radius: float, length: float, size: float) -> Surface:
+    """A capsule, or a sphere where it has no length."""
+    heights = divide(-length / 2, length / 2, size)
+    angles = divide(0.0, np.pi / 2, size / radius)[1:]
+    cap = radius * np.stack([np.cos(angles), np.sin(angles)])  # (2, rows): the last one is the pole
+    radii = np.concatenate([cap[0, -2::-1], np.full(len(heights), radius), cap[0, :-1]])
+    heights = np.concatenate([heights[0] - cap[1, -2::-1], heights, heights[-1] + cap[1, :-1]])
+    return turned(radii, heights, size, poles=(-length / 2 - radius, length / 2 + radius))
+
+
 def square(middle: Floats, reach: float, size: float) -> Surface:
     """A square in the plane of the first two axes, seen from the third."""
     ticks = divide(-reach, reach, size)

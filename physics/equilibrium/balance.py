@@ -2,7 +2,7 @@
 
 f = dW/du are the internal forces (elasticity.py), less pressures that follow their faces (pressure.py), b the dead loads,
 p_q >= 0 the forces of contact (contact/conditions.py); held components follow their prescription. Loads and prescribed displacements
-grow linearly with the fraction 0 .. 1 of the loading or go by a table (schedule.py), the obstacle is on its path.
+grow linearly with the fraction 0 .. 1 of the loading or go by a table (schedule.py), obstacles are on their paths.
 Legend: N nodes, Q contact points.
 """
 
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
+from physics.body.material import cellwise
 from physics.body.pressure import Pressed
 from physics.body.schedule import Moves, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
-from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
-from physics.contact.obstacles import Rigid
+from physics.contact.conditions import CONTACT_STIFFNESS, cell_size, contact_of
 from physics.mesh.build import across
 from physics.mesh.mesh import Mesh
 from physics.scene import Load, Scene
@@ -67,15 +67,19 @@ class Balance:
         self.elasticity: Elasticity | Lumped = self.body
         self.load = self._full([load for load in scene.load if not scheduled(load)])
         self.tabled = [(load, self._full([load])) for load in scene.load if scheduled(load) and not load.follower]
-        self.contact: Contact | None = None
-        if scene.obstacle is not None:
-            rigid = Rigid(scene.obstacle)
-            surface = ContactSurface(mesh, scene.obstacle.contact, self.fixed.all(axis=1), rigid.width)
-            stiffness = CONTACT_STIFFNESS * scene.material.young_modulus / self.size
-            self.contact = Contact(surface, rigid, mesh.points, stiffness)
+        self.contact = contact_of(scene.obstacles, mesh, self.fixed.all(axis=1), CONTACT_STIFFNESS * self._moduli() / self.size)
         # eps E h L: strains come from differences of positions that differ by up to the largest extent L.
-        self.floor = 1e3 * float(np.finfo(float).eps) * scene.material.young_modulus * self.size * float(np.ptp(mesh.points))
+        self.floor = 1e3 * float(np.finfo(float).eps) * scene.stiffest * self.size * float(np.ptp(mesh.points))
         self._check()
+
+    def _moduli(self) -> float | Floats:
+        """Young's modulus [Pa], of several materials at each node (N,): the mean of the cells around it."""
+        young = cellwise(self.scene.material, self.mesh, lambda material: material.young_modulus)
+        if not isinstance(young, np.ndarray):
+            return young
+        nodes, count = self.mesh.cells.ravel(), len(self.mesh.points)
+        of_cells = np.repeat(young, self.mesh.cells.shape[1])
+        return np.bincount(nodes, of_cells, count) / np.maximum(np.bincount(nodes, minlength=count), 1)
 
     def _full(self, loads: list[Load]) -> Floats:
         """(N, 3) [N] some dead loads in full."""
@@ -138,17 +142,21 @@ class Balance:
         return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(self.mesh.extent.min())
 
     def stride(self, start: float, end: float) -> float:
-        """How far the obstacle moves between two fractions of the loading, over what is safe for one step.
+        """How far the obstacle moves between two fractions of the loading, over what is safe for one step; of several the farthest."""
+        return max(self._strides(start, end), default=0.0)
+
+    def _strides(self, start: float, end: float) -> list[float]:
+        """That of each obstacle.
 
         An obstacle that moves by half of its own width, or of the body's, could pass through without touching at either end.
         """
-        if self.contact is None:
-            return 0.0
-        obstacle = self.contact.obstacle
-        between = np.unique([start, *obstacle.reached, end])
-        way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
-        safe = min(obstacle.width, float(self.mesh.extent.min())) / 2
-        return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe
+        strides = []
+        for obstacle in self.contact.obstacle.each if self.contact is not None else ():
+            between = np.unique([start, *obstacle.reached, end])
+            way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
+            safe = min(obstacle.width, float(self.mesh.extent.min())) / 2
+            strides.append(float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe)
+        return strides
 
     def _check(self) -> None:
         if not self.scene.steps.dynamic and (self.contact is not None or self.loaded):
@@ -156,20 +164,28 @@ class Balance:
                 raise InputError(f"support: {free}")
         if self.fixed.all():
             raise InputError("support: every node of the body is held in every direction, so nothing is left to move; hold less of it")
-        extent, modulus = float(np.ptp(self.mesh.points, axis=0).max()), self.scene.material.young_modulus
-        for i, load in enumerate(self.scene.load if self.scene.material.law != "linear" else ()):
-            push = load.traction or tuple(self.scene.material.density * extent * a for a in load.acceleration or ())
+        extent, modulus = float(np.ptp(self.mesh.points, axis=0).max()), self.scene.stiffest
+        densest = max(material.density for material in self.scene.materials)
+        for i, load in enumerate(() if self.scene.linear else self.scene.load):
+            push = load.traction or tuple(densest * extent * a for a in load.acceleration or ())
             strength = float(np.linalg.norm(push))
             if strength > STRONGEST * modulus:
                 raise InputError(f"load[{i}]: {strength:.2g} Pa are {strength / modulus:.2g} times Young's modulus; at most "
                                  f"{STRONGEST:g} times")
-        far, allowed = self.stride(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
+        strides, allowed = self._strides(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
+        far = max(strides, default=0.0)
         if far > allowed:
-            raise InputError(f"obstacle.path: its length is {far:.2g} times what the obstacle may move at once (half of its own width "
-                             f"or of the body's); at most {allowed:g} times, or as many as there are steps")
+            raise InputError(f"{self._named(strides.index(far))}.path: its length is {far:.2g} times what the obstacle may move at once "
+                             f"(half of its own width or of the body's); at most {allowed:g} times, or as many as there are steps")
         inside = -self.clearance(0.0)
-        if inside > GAP_TOLERANCE * self.size:
-            raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
+        if self.contact is not None and inside > GAP_TOLERANCE * self.size:
+            points = self.contact.surface.positions(self.mesh.points)
+            which = int(np.argmin([rigid.gap(points, rigid.position(0.0))[0].min() for rigid in self.contact.obstacle.each]))
+            raise InputError(f"{self._named(which)}.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
+
+    def _named(self, obstacle: int) -> str:
+        """An obstacle by its number, as it stands in the scene file."""
+        return f"obstacle[{obstacle}]" if isinstance(self.scene.obstacle, tuple) else "obstacle"
 
 
 def cells_said(scene: Scene) -> str:
@@ -180,12 +196,19 @@ def cells_said(scene: Scene) -> str:
     return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of first order{element}"
 
 
+def material_said(scene: Scene) -> str:
+    """The laws of a body, of several materials with where they are, and its cells, in words."""
+    places = [f" ({material.where or 'elsewhere'})" * (len(scene.materials) > 1) for material in scene.materials]
+    return f"{', '.join(material.law + place for material, place in zip(scene.materials, places, strict=True))}; {cells_said(scene)}"
+
+
 def contact_said(scene: Scene) -> str:
     """How contact is treated, in words."""
-    if scene.obstacle is None:
+    if not scene.obstacles:
         return "none: the scene has no obstacle"
-    points = "points of the surface facets" if scene.obstacle.contact == "facets" else "surface nodes"
-    return f"frictionless at {points}, rigid {scene.obstacle.shape}; nothing is solved before it touches"
+    points = {"facets": "points of the surface facets", "nodes": "surface nodes"}
+    said = [f"{'frictionless ' * (not i)}at {points[one.contact]}, rigid {one.shape}" for i, one in enumerate(scene.obstacles)]
+    return f"{'; '.join(said)}; nothing is solved before {'it' if len(said) == 1 else 'one'} touches"
 
 
 def could_be_plane(balance: Balance) -> dict[str, str]:

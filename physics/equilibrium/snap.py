@@ -52,7 +52,8 @@ class Relaxation(Newton):
         super().__init__(immersed)
         extent = float(np.ptp(balance.mesh.points))
         # The stiffness of the first bending mode over its volume: what is slower than that is not worth waiting for.
-        self.least = balance.scene.material.young_modulus * balance.size**2 / extent**4
+        softest = min(material.young_modulus for material in balance.scene.materials)
+        self.least = softest * balance.size**2 / extent**4
 
     def settle(self, fraction: float, last: State, newton: Newton) -> tuple[State, float, float]:
         """The equilibrium in which the body comes to rest when it is left to itself at a fraction of the loading.

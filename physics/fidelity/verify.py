@@ -81,8 +81,18 @@ class Frame:
     """What the equations say about one frame."""
 
     residual: float  # [N] missing to equilibrium on free components
-    reaction: Floats  # (3,) [N] of the body on the obstacle; without one, on its supports
+    reactions: Floats  # (K, 3) [N] of the body on each obstacle; without one, (1, 3) on its supports
     energy: float  # [J] stored
+
+    @property
+    def reaction(self) -> Floats:
+        """(3,) [N] all of them together."""
+        return np.asarray(self.reactions.sum(axis=0))
+
+    @property
+    def push(self) -> float:
+        """[N] the sum of their sizes: of two obstacles that press against each other the reactions cancel."""
+        return sum(float(np.linalg.norm(each)) for each in self.reactions)
 
 
 class Checker:
@@ -99,8 +109,8 @@ class Checker:
         force = balance.elasticity.force(u) - outer
         free, energy = ~balance.fixed, balance.elasticity.energy(u)
         if balance.contact is None:
-            return Frame(float(np.linalg.norm(force[free])), -force[balance.bearing].sum(axis=0), energy)
-        reaction, centre = np.zeros(3), balance.contact.obstacle.position(fraction)
+            return Frame(float(np.linalg.norm(force[free])), -force[balance.bearing].sum(axis=0)[None], energy)
+        reactions, centre = np.zeros((len(balance.contact.obstacle.each), 3)), balance.contact.obstacle.position(fraction)
         zone = balance.contact.zone(u, centre, TOUCHING * balance.size)
         if len(zone.points) and np.isfinite(force).all():
             _, normal = zone.gaps(u, centre)
@@ -109,8 +119,8 @@ class Checker:
             pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
             p = scipy.optimize.nnls(pull, force[zone.nodes][movable], maxiter=100 * len(points))[0]
             force[zone.nodes] -= zone.forces(p, normal)
-            reaction = -p @ normal
-        return Frame(float(np.linalg.norm(force[free])), reaction, energy)
+            reactions = -zone.obstacle.sums(p, normal)
+        return Frame(float(np.linalg.norm(force[free])), reactions, energy)
 
     def correction(self, u: Floats, fraction: float) -> Floats:
         """(N, 3) one Newton step from displacements (N, 3), contact included; infinite where none can be made."""
@@ -189,7 +199,7 @@ def _of_equations(u: Floats, truth: Floats, error: Floats, scene: Scene | None, 
     frames = np.unique(np.linspace(1, steps, min(steps, sample or steps)).round().astype(int))
     found = [checker.frame(u[t], t / steps) for t in frames]
     due = [checker.frame(truth[t], t / steps) for t in frames]
-    reaction = max(float(np.linalg.norm(frame.reaction)) for frame in due) or np.nan  # no force, no ratio to it
+    reaction = max(frame.push for frame in due) or np.nan  # no force, no ratio to it
     energy = max(frame.energy for frame in due) or np.nan
     lacking = np.array([checker.correction(u[t], t / steps)[free] for t in frames])
     estimated, missed = _rms(np.linalg.norm(lacking, axis=2)), _rms(error[frames])
@@ -197,7 +207,7 @@ def _of_equations(u: Floats, truth: Floats, error: Floats, scene: Scene | None, 
     return {
         "relative_residual": _rms([frame.residual for frame in found]) / reaction,
         "energy_error": _rms([a.energy - b.energy for a, b in zip(found, due, strict=True)]) / energy,
-        "reaction_error": _rms([np.linalg.norm(a.reaction - b.reaction) for a, b in zip(found, due, strict=True)]) / reaction,
+        "reaction_error": _rms([np.linalg.norm(a.reactions - b.reactions) for a, b in zip(found, due, strict=True)]) / reaction,
         "stress_error": _rms(stress[0] - stress[1]) / (_rms(stress[1]) or np.nan),
         "estimated_error": estimated, "effectivity": estimated / missed if missed else np.nan,
         "largest_penetration": max(checker.penetration(u[t], t / steps) for t in range(1, steps + 1))}

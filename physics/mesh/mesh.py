@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS
-from physics.mesh.places import nodes_at
+from physics.mesh.places import inside, nodes_at
 from physics.mesh.sound.fit import piece_of
 from physics.scene import Where
 from physics.schema import InputError, nearest
@@ -131,6 +131,16 @@ class Mesh:
         pools = [self.boundary] + [self.inner] * chosen_ones
         chosen = [[facets[rows_in(facets, known.get(facets.shape[1], facets[:0]))] for facets in pool] for pool in pools]
         return [np.concatenate(parts) for parts in zip(*chosen, strict=True)]
+
+    def region(self, where: str | Where) -> NDArray[np.bool_]:
+        """(C,) the cells that a place of a file is made of, or whose centres lie at one by coordinates. Raises `InputError`: none do."""
+        if isinstance(where, Where):
+            found = inside(self.points[self.cells].mean(axis=1), where)
+        else:
+            found = rows_in(self.cells, self.entities(where).get(self.cells.shape[1], self.cells[:0]))
+        if not found.any():
+            raise InputError(f"no cell {'has its centre there' if isinstance(where, Where) else 'is made of it: it is no region'}")
+        return found
 
     def entities(self, where: str | Where) -> Entities:
         """The vertices, edges, faces and cells that a place is made of; see `place` for where."""

@@ -12,18 +12,18 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.body.material import lame
+from physics.body.material import by_region, lame
 from physics.mesh.cell import CELLS, GAUSS, TRIANGLE
 from physics.mesh.mesh import Mesh
 from physics.mesh.sound.cells import PLACE
-from physics.scene import Material
+from physics.scene import Material, Materials
 
 Floats = NDArray[np.float64]
 TOLD = 0.05  # of a frequency
 CHUNK = 20_000  # cells at once
 
 
-def said(mesh: Mesh, shapes: Floats, rigid: int, material: Material) -> tuple[str, ...]:
+def said(mesh: Mesh, shapes: Floats, rigid: int, material: Materials) -> tuple[str, ...]:
     """A remark when the first of some modes (m, N, 3) that strains a body of first-order cells is much too stiff."""
     if rigid >= len(shapes):
         return ()
@@ -35,7 +35,7 @@ def said(mesh: Mesh, shapes: Floats, rigid: int, material: Material) -> tuple[st
             f"take shorter cells or {other}",)
 
 
-def too_high(mesh: Mesh, shape: Floats, material: Material) -> float:
+def too_high(mesh: Mesh, shape: Floats, material: Materials) -> float:
     """By what share of itself a mode's frequency is too high, about; shape (N, 3) of a body of first order.
 
     A plane body counts as one without strain across it.
@@ -45,20 +45,22 @@ def too_high(mesh: Mesh, shape: Floats, material: Material) -> float:
     d = mesh.dimension
     x, u = mesh.points[:, :d], shape[:, :d]
     (_, near), (values, slopes) = _shapes(mesh.cell, at), _shapes(mesh.cell, points)
-    parts = np.array_split(mesh.cells, len(mesh.cells) // CHUNK + 1)
-    mean, total = np.zeros((len(mesh.points), d, d)), np.zeros(len(mesh.points))
-    for cells in parts:
-        strain, size = _strains(near, x[cells], u[cells])  # (C, n, d, d) at the corners
-        volume = size.mean(axis=1)[:, None]
-        np.add.at(mean, cells, strain * volume[..., None, None])
-        np.add.at(total, cells, volume)
-    mean /= total[:, None, None]
     whole = jumps = 0.0
-    for cells in parts:
-        strain, size = _strains(slopes, x[cells], u[cells])
-        smooth = np.einsum("pn,cnij->cpij", values, mean[cells])
-        whole += float((_density(strain, material) * size * weights).sum())
-        jumps += float((_density(strain - smooth, material) * size * weights).sum())
+    for own, chosen in by_region(material, mesh):  # between materials strain may jump
+        all_cells = mesh.cells[chosen]
+        parts = np.array_split(all_cells, len(all_cells) // CHUNK + 1)
+        mean, total = np.zeros((len(mesh.points), d, d)), np.zeros(len(mesh.points))
+        for cells in parts:
+            strain, size = _strains(near, x[cells], u[cells])  # (C, n, d, d) at the corners
+            volume = size.mean(axis=1)[:, None]
+            np.add.at(mean, cells, strain * volume[..., None, None])
+            np.add.at(total, cells, volume)
+        mean /= np.where(total > 0, total, 1.0)[:, None, None]
+        for cells in parts:
+            strain, size = _strains(slopes, x[cells], u[cells])
+            smooth = np.einsum("pn,cnij->cpij", values, mean[cells])
+            whole += float((_density(strain, own) * size * weights).sum())
+            jumps += float((_density(strain - smooth, own) * size * weights).sum())
     share = min(jumps / whole, 0.999) if whole > 0 else 0.0
     return float((1 - share) ** -0.5 - 1)
 

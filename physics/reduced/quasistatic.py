@@ -56,12 +56,16 @@ class Estimator:
         Raises `InputError` for a scene that is not a body held at whole nodes and pressed by a rigid obstacle alone.
         """
         moved = [support for support in scene.support if any(support.displacement) or set(support.fixed) != set("xyz")]
-        if scene.obstacle is None or scene.load or moved or scene.steps.dynamic:
+        if len(scene.obstacles) > 1 or len(scene.materials) > 1:
+            raise InputError("the reduced-order model knows one obstacle and one material; a network that does not correct it, trained "
+                             "with estimate = false, takes scenes of several")
+        if not scene.obstacles or scene.load or moved or scene.steps.dynamic:
             raise InputError("the reduced-order model knows clamped bodies pressed by an obstacle alone: no loads, sliding or moving "
                              "supports, or inertia; a network that does not correct it, trained with estimate = false, takes such scenes")
-        self.mesh, self.obstacle = mesh, Rigid(scene.obstacle)
+        (obstacle,), (material,) = scene.obstacles, scene.materials
+        self.mesh, self.obstacle = mesh, Rigid(obstacle)
         self.size = cell_size(mesh)
-        self.surface = ContactSurface(mesh, scene.obstacle.contact, held)
+        self.surface = ContactSurface(mesh, obstacle.contact, held)
         self.centres = centres
         self._way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))])  # (T,) [m] along the path
         rest = self.surface.positions(mesh.points)
@@ -71,7 +75,7 @@ class Estimator:
         self._parts: list[Akima1DInterpolator | PchipInterpolator] = []  # of what `frames` gives, by the way
         self._known: dict[int, Floats] = {}  # what it gives at the poses themselves
         if self.overlaps.any():
-            self._prepare(Elastic(mesh, held, scene.material, scene.body.element), rest, -clearance.min())
+            self._prepare(Elastic(mesh, held, material, scene.body.element), rest, -clearance.min())
 
     def _prepare(self, elastic: Elastic, rest: Floats, depth: float) -> None:
         first = int(self.overlaps.argmax())

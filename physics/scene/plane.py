@@ -21,8 +21,8 @@ def check_plane(scene: Scene) -> None:
                 raise InputError(f"load[{i}].{key}: acts along z; a plane body stays in z = 0")
     if scene.steps.velocity is not None and scene.steps.velocity[2]:
         raise InputError("steps.velocity: leads out of the plane; a plane body stays in z = 0")
-    if scene.obstacle is not None:
-        _check_obstacle(scene.obstacle)
+    for obstacle in scene.obstacles:
+        _check_obstacle(obstacle)
 
 
 def _check_obstacle(obstacle: Obstacle) -> None:

@@ -25,8 +25,11 @@ def with_tables(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     for name in ("load", "support"):
         if isinstance(table.get(name), list):
             found[name] = [_filled(part, folder, f"{name}[{i}]", ("factor",)) for i, part in enumerate(table[name])]
-    if "obstacle" in table:
-        found["obstacle"] = _filled(table["obstacle"], folder, "obstacle", ("x", "y", "z"))
+    obstacle, columns = table.get("obstacle"), ("x", "y", "z")
+    if isinstance(obstacle, list):
+        found["obstacle"] = [_filled(part, folder, f"obstacle[{i}]", columns) for i, part in enumerate(obstacle)]
+    elif obstacle is not None:
+        found["obstacle"] = _filled(obstacle, folder, "obstacle", columns)
     return found
 
 
