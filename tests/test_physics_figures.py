@@ -17,8 +17,9 @@ def test_a_figure_is_shown_in_its_unit(name):
 
 def test_every_figure_is_one_of_verify_and_stands_in_one_group():
     known = {name for name in vars(Fidelity)["__dataclass_fields__"]}
-    assert list(FIGURES) == [*ERROR, *PUBLISHED, *PHYSICS, *MESH] and set(FIGURES) == known - {"rmsd_1_all_nodes", "rmsd_50_all_nodes", "worst_step"}
-    lengths = set(PUBLISHED) | {"rmsd_1", "rmsd_50", "rmsd_all", "rmsd_all_all_nodes", "largest_penetration", "estimated_error", "gf_h"}
+    assert list(FIGURES) == [*ERROR, *PUBLISHED, *PHYSICS, *MESH]
+    assert set(FIGURES) == known - {"rmsd_1_all_nodes", "rmsd_50_all_nodes", "worst_step"}
+    lengths = {*PUBLISHED, "rmsd_1", "rmsd_50", "rmsd_all", "rmsd_all_all_nodes", "largest_penetration", "estimated_error", "gf_h"}
     assert {name for name in FIGURES if FIGURES[name].si == "m"} == lengths
     assert {name for name in FIGURES if FIGURES[name].si == "m2"} == {"gf_c"}
 

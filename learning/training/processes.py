@@ -15,7 +15,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import torch
 from torch import distributed, nn
@@ -24,6 +24,8 @@ from torch.nn.parallel import DistributedDataParallel
 from learning.config import TrainConfig
 from physics.schema import InputError
 
+CPU = torch.device("cpu")
+
 
 @dataclass(frozen=True)
 class Processes:
@@ -31,7 +33,7 @@ class Processes:
 
     rank: int = 0
     count: int = 1
-    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
+    device: torch.device = CPU
 
     @property
     def first(self) -> bool:
@@ -59,7 +61,7 @@ class Processes:
 
 
 @contextmanager
-def processes(config: TrainConfig, device: torch.device) -> Iterator[Processes]:
+def processes(config: TrainConfig, device: torch.device = CPU) -> Iterator[Processes]:
     """The processes that torchrun has started, or this one. Raises `InputError` for a batch that cannot be shared evenly."""
     count = int(os.environ.get("WORLD_SIZE", "1"))
     if count == 1:
