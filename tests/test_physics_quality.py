@@ -59,10 +59,10 @@ def regular(cell: str) -> np.ndarray:
 def test_rmse_is_the_mean_length_of_the_error_over_the_chosen_nodes():
     reference = np.zeros((5, 4, 3), np.float32)
     prediction = reference + np.array([3e-20, 4e-20, 0], np.float32)
-    assert quality.rmse(prediction, reference) == pytest.approx(5e-20, rel=1e-6)  # float32 data
+    assert quality.rmsd(prediction, reference) == pytest.approx(5e-20, rel=1e-6)  # float32 data
     prediction[:, 0] = 7
-    assert quality.rmse(prediction, reference, np.array([False, True, True, True])) == pytest.approx(5e-20, rel=1e-6)
-    assert quality.rmse(prediction, reference, np.array([0])) == pytest.approx(7 * 3**0.5)
+    assert quality.rmsd(prediction, reference, np.array([False, True, True, True])) == pytest.approx(5e-20, rel=1e-6)
+    assert quality.rmsd(prediction, reference, np.array([0])) == pytest.approx(7 * 3**0.5)
 
 
 def test_distances_of_node_sets_equal_those_of_scipy():

@@ -19,15 +19,20 @@ def one(points):
     return np.arange(len(points))[None]
 
 
-def test_rmse_is_of_vectors_over_frames_and_nodes():
+def test_rmsd_is_of_vectors_over_frames_and_nodes_and_rmse_of_their_components():
     """Two frames of two nodes, errors (1, 2, 2), (0, 3, 4), 0 and (2, 0, 0): sqrt((9 + 25 + 0 + 4) / 4)."""
     truth = np.arange(12.0).reshape(2, 2, 3)
     error = np.array([[(1, 2, 2), (0, -3, 4)], [(0, 0, 0), (-2, 0, 0)]])
-    assert quality.rmse(truth + error, truth) == pytest.approx(9.5**0.5, rel=1e-14)
-    assert quality.rmse(truth + error, truth, np.array([True, False])) == pytest.approx(4.5**0.5, rel=1e-14)
-    assert quality.rmse(truth + error, truth, [1]) == pytest.approx(14.5**0.5, rel=1e-14)
-    assert quality.rmse(truth + error, truth, slice(1, 2)) == pytest.approx(14.5**0.5, rel=1e-14)
-    assert quality.rmse(truth[0] + error[0], truth[0]) == pytest.approx(17**0.5, rel=1e-14)
+    assert quality.rmsd(truth + error, truth) == pytest.approx(9.5**0.5, rel=1e-14)
+    assert quality.rmsd(truth + error, truth, np.array([True, False])) == pytest.approx(4.5**0.5, rel=1e-14)
+    assert quality.rmsd(truth + error, truth, [1]) == pytest.approx(14.5**0.5, rel=1e-14)
+    assert quality.rmsd(truth + error, truth, slice(1, 2)) == pytest.approx(14.5**0.5, rel=1e-14)
+    assert quality.rmsd(truth[0] + error[0], truth[0]) == pytest.approx(17**0.5, rel=1e-14)
+    assert quality.rmse(truth + error, truth) == pytest.approx((38 / 12) ** 0.5, rel=1e-14)
+    assert quality.rmse(truth + error, truth, [1]) == pytest.approx((29 / 6) ** 0.5, rel=1e-14)
+    # by step: frames have 34 / 6 and 4 / 6
+    assert quality.rmse(truth + error, truth, by_step=True) == pytest.approx(((34 / 6) ** 0.5 + (4 / 6) ** 0.5) / 2, rel=1e-14)
+    assert quality.rmse(truth + error, truth, [1], by_step=True) == pytest.approx(((25 / 3) ** 0.5 + (4 / 3) ** 0.5) / 2, rel=1e-14)
 
 
 def test_hausdorff_and_chamfer_of_five_nodes():

@@ -132,7 +132,9 @@ def _split(predicted: Trajectory, start: float, began: float) -> tuple[float, fl
 
 def _modes_seconds(model: Model | Slender, case: Case) -> float:
     """What the elastic mode costs that the segments need; the file brings it along, another scene would not."""
-    if isinstance(model, Slender) or case.known is None or "md" not in model.config.method or model.config.modes != "elastic":
+    if isinstance(model, Slender) or case.known is None or not model.config.network.wants.segments:
+        return 0.0
+    if "md" not in model.config.method or model.config.modes != "elastic":
         return 0.0
     start = time.process_time()
     elastic_modes(case.scene, count=1, mesh=case.mesh)
