@@ -70,13 +70,11 @@ def figures(scene: Any) -> dict[str, Any]:
         return {"nodes": len(mesh.points), "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
                 "steps": scene.steps.count, "reynolds_number": scene.reynolds_number or 0.0}
     mesh = build_mesh(scene.body)
-    nodes, obstacle = len(mesh.points), "none"
-    if scene.obstacle is not None:
-        nodes += len(Rigid(scene.obstacle).surface_mesh(mesh.points, size=cell_size(mesh))[0])
-        obstacle = scene.obstacle.shape
+    around = [Rigid(obstacle).surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2) for obstacle in scene.obstacles]
+    nodes = len(mesh.points) + sum(len(points) for points, _ in around)
     length, width = np.ptp(mesh.points[:, :2], axis=0)
     return {"nodes": nodes, "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
-            "steps": scene.steps.count, "xy_extent": float(length * width), "obstacle": obstacle,
+            "steps": scene.steps.count, "xy_extent": float(length * width), "obstacle": scene.pressed_by,
             "support": " and ".join(str(support.where) for support in scene.support) or "none"}
 
 
