@@ -127,7 +127,7 @@ def test_stats_pack_and_verify_take_them(pinched, tmp_path, capsys):
     capsys.readouterr()
     assert fidelity.main(["verify", file, "--reference", file, "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
-    assert figures["rmse_all"] == figures["reaction_error"] == 0 and figures["relative_residual"] < 1e-3
+    assert figures["rmsd_all"] == figures["reaction_error"] == 0 and figures["relative_residual"] < 1e-3
     assert figures["nothing_moves"]["relative_residual"] < 1e-9 or figures["nothing_moves"]["largest_penetration"] > 5e-4
 
 

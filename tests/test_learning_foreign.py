@@ -151,8 +151,8 @@ def test_what_is_brought_along_stands_on_the_picture_and_in_the_sentence(tmp_pat
     rows = {row["name"]: row for row in result["rows"]}
     assert [row["kind"] for row in rows.values()] == ["foreign"] * 3 + ["trivial"] * 3 + ["reference"]
     assert rows["timed"]["scores"]["ms_per_step"] == pytest.approx(2) and rows["untimed"]["scores"]["ms_per_step"] is None
-    assert rows["sinking"]["scores"]["rmse_all"] == pytest.approx(rows["timed"]["scores"]["rmse_all"], rel=1e-5)
-    assert rows["sinking"]["scores"]["ms_per_step"] > 0 and rows["sinking"]["scores"]["rmse_1"] is None
+    assert rows["sinking"]["scores"]["rmsd_all"] == pytest.approx(rows["timed"]["scores"]["rmsd_all"], rel=1e-5)
+    assert rows["sinking"]["scores"]["ms_per_step"] > 0 and rows["sinking"]["scores"]["rmsd_1"] is None
     assert "given, not measured here" in result["facts"]["timed"] and "puts a free node" in result["summary"]
     with pytest.raises(InputError, match="two predictors are called 'nothing moves'"):
         compare(tmp_path / "press.toml", [], tmp_path / "report", only=["trivial"], predictions=[[str(tmp_path / "mine"), "nothing moves"]])

@@ -102,11 +102,12 @@ def training(monkeypatch, tmp_path):
 def test_train_takes_both_splits_and_says_the_error_in_mm(training, capsys):
     arguments = ("train", "c.toml", "--data", training.data, "--out", training.out)
     assert spoken(capsys, *arguments) == [
-        "40 steps in 62 s, loss 0.1235, best validation error 0.250 mm (RMSE of whole rollouts over 1 validation trajectory, free nodes): "
+        "40 steps in 62 s, loss 0.1235, best validation error 0.250 mm (RMSD of whole rollouts over 1 validation trajectory, free nodes): "
         f"{training.out}"]
     assert training.given == ("config of c.toml", [f"{training.data}/train"], [f"{training.data}/valid"], training.out)
-    assert training.named == {"steps": None, "resume": False}
-    assert told(capsys, *arguments, "--steps", "7", "--resume") == RESULT and training.named == {"steps": 7, "resume": True}
+    assert training.named == {"steps": None, "resume": False, "device": "cpu"}
+    assert told(capsys, *arguments, "--steps", "7", "--resume", "--device", "auto") == RESULT
+    assert training.named == {"steps": 7, "resume": True, "device": "auto"}
 
 
 def test_the_seconds_of_a_training_go_before_those_of_its_config(training, capsys, monkeypatch):
@@ -144,7 +145,8 @@ def predicted(monkeypatch, tmp_path):
     moved[1:, truth.free] += [3e-6, 0, 4e-6]
     moved[:, ~truth.free] += 1.0
     prediction = replace(truth, displacement=moved.astype(np.float32), extra={"seconds_per_step": 0.25})
-    monkeypatch.setattr("learning.prediction.checkpoint.load_model", lambda run: f"model of {run}")
+    monkeypatch.setattr("learning.prediction.checkpoint.load_model",
+                        lambda run, device: f"model of {run}" + f" on {device}" * (device != "cpu"))
     return SimpleNamespace(file=file, truth=truth, out=tmp_path / "p.vtkhdf", prediction=prediction, monkeypatch=monkeypatch)
 
 
@@ -152,12 +154,12 @@ def test_rollout_writes_the_prediction_and_its_error_over_free_nodes_and_all_ste
     called = Called(predicted.prediction)
     predicted.monkeypatch.setattr("learning.prediction.rollout.rollout", called)
     lines = spoken(capsys, "rollout", "run", predicted.file, "--out", predicted.out)
-    assert lines == [f"5 steps, RMSE over all of them 0.005 mm: {predicted.out}"]
+    assert lines == [f"5 steps, RMSD over all of them 0.005 mm: {predicted.out}"]
     assert called.given[0] == "model of run" and np.array_equal(called.given[1].displacement, predicted.truth.displacement)
     assert np.array_equal(read_trajectory(predicted.out).displacement, predicted.prediction.displacement)
     result = told(capsys, "rollout", "run", predicted.file, "--out", predicted.out)
     # 5 um; displacements of up to 20 mm are stored in 24 bits, to about 1e-9 m
-    assert result == {"steps": 5, "rmse_all": pytest.approx(5e-6, rel=1e-3), "seconds_per_step": 0.25}
+    assert result == {"steps": 5, "rmsd_all": pytest.approx(5e-6, rel=1e-3), "seconds_per_step": 0.25}
 
 
 def test_a_corrected_rollout_is_held_against_the_scene(predicted, capsys):
@@ -210,7 +212,8 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert told(capsys, "pareto", "press.toml") == {"summary": "words"}
     assert called.given == ("press.toml", [], Path("pareto"))
     del called.named["say"]
-    assert called.named == {"count": 5, "split": "test", "refined": None, "repeats": 3, "predictions": [], "functions": [], "only": []}
+    assert called.named == {"count": 5, "split": "test", "refined": None, "repeats": 3, "predictions": [], "functions": [], "device": "cpu",
+                            "only": []}
     spoken(
         capsys,
         "pareto",
@@ -235,7 +238,8 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     called.named["say"]("a line")
     assert capsys.readouterr().out == "a line\n"
     del called.named["say"]
-    assert called.named == {"count": 9, "split": "train", "refined": 0, "repeats": 1, "predictions": [], "functions": [], "only": []}
+    assert called.named == {"count": 9, "split": "train", "refined": 0, "repeats": 1, "predictions": [], "functions": [], "device": "cpu",
+                            "only": []}
     spoken(capsys, "pareto", "press.toml", "--prediction", "f", "--predictor", "m:f", "mine", "--prediction", "g", "n", "2",
            "--only", "trivial, fe")
     assert called.named["predictions"] == [["f"], ["g", "n", "2"]] and called.named["functions"] == [["m:f", "mine"]]

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from physics.fidelity.figures import ERROR, EXTREMES, FIGURES, MESH, PHYSICS, gathered, shown, verdict
+from physics.fidelity.figures import ERROR, EXTREMES, FIGURES, MESH, PHYSICS, PUBLISHED, gathered, shown, verdict
 from physics.fidelity.verify import Fidelity
 
 TIMES = {("mm", "m"): 1e3, ("mm²", "m2"): 1e6, ("", "1"): 1}  # so many of the first are one of the second
@@ -17,18 +17,19 @@ def test_a_figure_is_shown_in_its_unit(name):
 
 def test_every_figure_is_one_of_verify_and_stands_in_one_group():
     known = {name for name in vars(Fidelity)["__dataclass_fields__"]}
-    assert list(FIGURES) == [*ERROR, *PHYSICS, *MESH] and set(FIGURES) == known - {"rmse_1_pooled", "rmse_50_pooled", "worst_step"}
-    lengths = {"rmse_1", "rmse_50", "rmse_all", "rmse_all_pooled", "largest_penetration", "estimated_error", "gf_h"}
+    assert list(FIGURES) == [*ERROR, *PUBLISHED, *PHYSICS, *MESH]
+    assert set(FIGURES) == known - {"rmsd_1_all_nodes", "rmsd_50_all_nodes", "worst_step"}
+    lengths = {*PUBLISHED, "rmsd_1", "rmsd_50", "rmsd_all", "rmsd_all_all_nodes", "largest_penetration", "estimated_error", "gf_h"}
     assert {name for name in FIGURES if FIGURES[name].si == "m"} == lengths
     assert {name for name in FIGURES if FIGURES[name].si == "m2"} == {"gf_c"}
 
 
 def test_over_several_paths_there_are_means_and_of_extremes_the_extreme():
     """Means of 1, 2, 6 are 3, of 1 and 6 alone 3.5; what no path has is not a number."""
-    each = [dict.fromkeys(EXTREMES, value) | {"rmse_all": value, "effectivity": value, "ar": math.nan} for value in (1.0, 2.0, 6.0)]
+    each = [dict.fromkeys(EXTREMES, value) | {"rmsd_all": value, "effectivity": value, "ar": math.nan} for value in (1.0, 2.0, 6.0)]
     each[1]["effectivity"] = math.nan
     found = gathered(each)
-    assert (found["rmse_all"], found["effectivity"]) == (3.0, 3.5) and math.isnan(found["ar"])
+    assert (found["rmsd_all"], found["effectivity"]) == (3.0, 3.5) and math.isnan(found["ar"])
     assert {name: found[name] for name in EXTREMES} == {"largest_penetration": 6, "smallest_det_f": 1, "smallest_scaled_jacobian": 1,
                                                          "inverted_elements": 6}
     each[0]["smallest_det_f"] = math.nan
@@ -36,7 +37,7 @@ def test_over_several_paths_there_are_means_and_of_extremes_the_extreme():
 
 
 def figures(error, **more):
-    return {"rmse_all": error, "relative_residual": 0.125, "largest_penetration": 0.0, "inverted_elements": 0} | more
+    return {"rmsd_all": error, "relative_residual": 0.125, "largest_penetration": 0.0, "inverted_elements": 0} | more
 
 
 @pytest.mark.parametrize("error, idle, words", [

@@ -133,7 +133,7 @@ def test_a_pressure_that_follows_its_side_is_the_slope_of_its_work():
     scene = plate("triangle", support=[{"where": "x-min"}], load=[{"where": "y-max", "pressure": 2e4, "follower": True}])
     balance, rng = Balance(scene, build_mesh(scene.body)), np.random.default_rng(3)
     u, way = (0.05 * rng.standard_normal((9, 3)) * [1, 1, 0] for _ in range(2))
-    balance.outer(1.0)
+    balance.apply_loads(1.0)
     body, step = balance.pressed, 1e-6
     force = body._pressed(u)
     ends = np.isin(np.arange(9), [balance.mesh.places["y-max"][0], balance.mesh.places["y-max"][-1]])

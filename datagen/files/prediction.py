@@ -123,8 +123,8 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
         found = as_table(verify(u, v, scene=scene, mesh=mesh, free=free))
         still.append(as_table(verify(np.where(free[:, None], 0, v), v, scene=scene, mesh=mesh, free=free)))
         each[name] = found
-        if worst is None or found["rmse_all"] > worst[0]:
-            worst = found["rmse_all"], mesh, u, v, found["worst_step"], truth.obstacle
+        if worst is None or found["rmsd_all"] > worst[0]:
+            worst = found["rmsd_all"], mesh, u, v, found["worst_step"], truth.obstacle
     figures = _gathered(list(each.values())) if several else next(iter(each.values()))
     idle = _gathered(still)
     result = {**figures, "nothing_moves": idle, "units": {name: column.si for name, column in FIGURES.items()},
@@ -151,7 +151,7 @@ def lines(result: dict[str, Any]) -> list[str]:
     if "worst_step" in result:
         said.append(f"{'farthest off at frame':24s} {result['worst_step']:12d}")
     for name, figures in result.get("files", {}).items():
-        said.append(f"{name}: RMSE-all {shown(1e3 * figures['rmse_all'])} mm, residual {shown(figures['relative_residual'])}")
+        said.append(f"{name}: RMSD-all {shown(1e3 * figures['rmsd_all'])} mm, residual {shown(figures['relative_residual'])}")
     return [*said, result["verdict"], *(f"remark: {text}" for text in result["remarks"])]
 
 

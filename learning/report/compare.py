@@ -31,7 +31,8 @@ LOOSE = 1e-2  # residual over reaction
 
 def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, count: int = 5, split: str = "test",
             refined: int | None = None, repeats: int = 3, predictions: Sequence[Sequence[str]] = (),
-            functions: Sequence[Own] = (), only: Sequence[str] = (), say: Callable[[str], None] | None = None) -> dict[str, Any]:
+            functions: Sequence[Own] = (), only: Sequence[str] = (), device: str = "cpu",
+            say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Measure every predictor on a scene file, or on some trajectories of a data set, and write the report folder.
 
     Args:
@@ -42,6 +43,7 @@ def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, co
         repeats: of each timing
         predictions, functions: what users bring along, see `evaluate.own_predictors`
         only: kinds of predictors (table.KINDS) that are measured; all by default
+        device: where networks run
 
     Returns:
         the content of report.json and "report", the folder
@@ -50,7 +52,7 @@ def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, co
         InputError: no such scene or data set, no whole checkpoint, a trajectory without a scene
         RuntimeError: a scene that has no solution
     """
-    models = {str(run): load_model(run) for run in runs}
+    models = {str(run): load_model(run, device) for run in runs}
     cases = scene_case(what) if Path(what).suffix.lower() == ".toml" else some_cases(what, split, count)
     before = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -98,4 +100,4 @@ def predictors(models: dict[str, Model | Slender]) -> list[Predictor]:
             elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2),
             elements("FE, a tenth of the steps", fewer=10), elements(f"FE, tolerance {LOOSE:g}", tolerance=LOOSE),
             elements("FE, cells halved, a tenth of the steps", halvings=1, fewer=10), elements("FE, linear elasticity", law="linear"),
-            estimated("reduced-order model"), elements(REFERENCE)]
+            estimated("reduced-order model"), estimated("reduced-order model, few poses", rough=True), elements(REFERENCE)]

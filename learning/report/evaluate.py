@@ -44,7 +44,7 @@ SAMPLE = 25  # frames of a trajectory at which the equations are checked
 
 
 def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, correct: int = 1, refined: int = 1,
-             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (),
+             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (), device: str = "cpu",
              say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Roll a trained network out over test trajectories and write the report folder.
 
@@ -55,6 +55,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         correct: orders of magnitude by which Newton steps correct each frame of a rollout
         refined: how many of the test scenes are solved on finer cells as well
         predictions, functions: what users bring along, see `own_predictors`
+        device: where the network runs
         say: takes a line of what comes out
 
     Returns:
@@ -65,9 +66,9 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
     """
     if not files:
         raise InputError("no trajectories to evaluate on")
-    model = load_model(run)
+    model = load_model(run, device)
     cases = load_cases(files)
-    alone = [estimated("M4GN, its estimate alone")] if has_estimate(model) else []
+    alone = [estimated(f"{model.title}, its estimate alone")] if has_estimate(model) else []
     own, about = own_predictors(predictions, functions, cases)
     if any(case.known is None for case in cases):
         return report_on([*own, learned(model, model.title), *trivial()], cases, Path(out),
@@ -153,9 +154,9 @@ def _apart(runs: dict[str, Model | Slender]) -> dict[str, str]:
 
 def summary(rows: Sequence[Row]) -> list[str]:
     """The table's first columns for a terminal."""
-    lines = [f"{'':36s} {'ms/step':>9s} {'RMSE-1':>9s} {'RMSE-50':>9s} {'RMSE-all':>9s} {'to finer':>9s}  [mm, free nodes]"]
+    lines = [f"{'':36s} {'ms/step':>9s} {'RMSD-1':>9s} {'RMSD-50':>9s} {'RMSD-all':>9s} {'to finer':>9s}  [mm, free nodes]"]
     for row in rows:
-        errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmse_1", "rmse_50", "rmse_all", "rmse_refined"))
+        errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmsd_1", "rmsd_50", "rmsd_all", "rmsd_refined"))
         lines.append(f"{row.name:36s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
         lines += [f"    {row.about}"] * bool(row.about)
     return lines
@@ -177,7 +178,7 @@ def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
         name = f"frame_{case.name}.png"
         frame_picture(out / name, case.mesh, prediction=frame.displacement, truth=case.truth[step], step=step, steps=case.steps,
                       obstacle=None if surface is None else ObstacleSurface(*surface).at(step), names=(frame.predictor, "finite elements"))
-        pictures.append((name, f"Test trajectory {case.name}, RMSE-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
+        pictures.append((name, f"Test trajectory {case.name}, RMSD-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
                                "where the rollout is farthest from the truth. Left the prediction, coloured by its error, over the "
                                "outline of the truth; right the truth."))
     return pictures
@@ -222,7 +223,7 @@ def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | S
         f"Materials: {_words(_material(case) for case in cases)}. Cells: {_words(case.mesh.cell for case in cases)}. Of other "
         "materials and kinds of mesh nothing is said here.",
         "\"Keep the last velocity\" is shown the first two frames and \"quadratic extrapolation\" the first three, no more. Before the "
-        "obstacle touches nothing moves, so over whole rollouts they can equal \"nothing moves\"; their RMSE-1 starts from true states.",
+        "obstacle touches nothing moves, so over whole rollouts they can equal \"nothing moves\"; their RMSD-1 starts from true states.",
         "Finite elements on a coarser mesh are in equilibrium on their own mesh; carried over to the finer one they are not, which is "
         "what their residual and penetration show.",
         "The residual of a body that never moves is zero: it is in equilibrium, but the obstacle is inside of it. Read residual and "
@@ -230,14 +231,14 @@ def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | S
         "Errors are lengths of vectors. Where others average over the three components as well, their figures are smaller by the "
         "square root of 3."]
     reference = next((row for row in found.rows if row.kind == "reference"), None)
-    if reference is not None and reference.scores.get("rmse_refined", np.nan) > 0:
-        own = reference.scores["rmse_refined"]
-        count = sum(not np.isnan(each["rmse_refined"]) for each in reference.each)
+    if reference is not None and reference.scores.get("rmsd_refined", np.nan) > 0:
+        own = reference.scores["rmsd_refined"]
+        count = sum(not np.isnan(each["rmsd_refined"]) for each in reference.each)
         notes[0] += (f" On {count} of the {len(cases)} scenes, solved again on cells of half the size, the data are {1e3 * own:.3g} mm off"
                      f" (and the finer solution by about a third of that, if errors fall with the square of the cells' size).")
         for row in found.rows:
             if row.kind in (*JUDGED, "hybrid"):
-                notes[0] += (f" {row.name}: {1e3 * row.scores['rmse_refined']:.3g} mm from the finer solution; in "
+                notes[0] += (f" {row.name}: {1e3 * row.scores['rmsd_refined']:.3g} mm from the finer solution; in "
                              f"{100 * row.scores['below_data']:.0f} % of the frames closer to the data than these to it.")
     notes += [*_of_correction(found.rows), *_of_doubt(found.rows, cases)]
     if runs:
@@ -261,7 +262,7 @@ def _of_correction(rows: Sequence[Row]) -> list[str]:
                         f"{reference.scores['iterations']:.3g} and {reference.ms_per_step:.3g} ms.")
         else:
             said.append(f"{row.name}: the error over whole rollouts falls by a factor of "
-                        f"{alone.scores['rmse_all'] / row.scores['rmse_all']:.3g}, for {row.ms_per_step - alone.ms_per_step:.3g} ms a step "
+                        f"{alone.scores['rmsd_all'] / row.scores['rmsd_all']:.3g}, for {row.ms_per_step - alone.ms_per_step:.3g} ms a step "
                         f"more; the solver itself takes {reference.ms_per_step:.3g} ms.")
     return said
 
@@ -274,7 +275,7 @@ def _of_doubt(rows: Sequence[Row], cases: Sequence[Case]) -> list[str]:
         if not len(shares) or np.isnan(shares).all():
             continue
         unsure = {case.name: share for case, share in zip(cases, shares, strict=True) if share > 0}
-        sure = [each["rmse_all"] for each, share in zip(row.each, shares, strict=True) if not share > 0]
+        sure = [each["rmsd_all"] for each, share in zip(row.each, shares, strict=True) if not share > 0]
         names = ", ".join(f"{name} ({100 * share:.0f} % of the frames)" for name, share in unsure.items()) or "none of them"
         said.append(f"{row.name} says that it does not know: {names}." + (
             f" In the other {len(sure)} trajectories it is {1e3 * max(sure):.3g} mm off at most." if sure else ""))

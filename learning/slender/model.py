@@ -80,7 +80,7 @@ def scaled(features: Tensor, scale: Tensor) -> Tensor:
 def is_slender(about: dict[str, Any]) -> bool:
     """Whether a checkpoint's header is that of a predictor of beams."""
     config = about.get("config")
-    return isinstance(config, dict) and isinstance(config.get("network"), dict) and "kind" in config["network"]
+    return isinstance(config, dict) and isinstance(config.get("network"), dict) and config["network"].get("kind") == "sections"
 
 
 def state_of(network: Sections, scales: Scales) -> dict[str, Tensor]:

@@ -12,8 +12,8 @@ from learning.training.sections import train_sections
 
 
 def train(config: TrainConfig | SlenderConfig, files_train: Sequence[str | Path], files_valid: Sequence[str | Path], out: str | Path, *,
-          steps: int | None = None, resume: bool = False) -> dict[str, Any]:
-    """See `training.train.train` and `training.sections.train_sections`."""
+          steps: int | None = None, resume: bool = False, device: str = "cpu") -> dict[str, Any]:
+    """See `training.train.train` and `training.sections.train_sections`; the latter runs on the processor."""
     if isinstance(config, SlenderConfig):
         return train_sections(config, files_train, files_valid, out, steps=steps, resume=resume)
-    return of_graphs.train(config, files_train, files_valid, out, steps=steps, resume=resume)
+    return of_graphs.train(config, files_train, files_valid, out, steps=steps, resume=resume, device=device)

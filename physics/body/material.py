@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 Cells = NDArray[np.int64] | slice  # numbers of cells (c,), or all of them
 Expression = Any  # of UFL, which has no useful types, or an array
 STEP = 1e-30  # along the imaginary axis: its square is nothing beside 1
+AT_ONCE = 1024  # points, so that what is between stays in the cache
 
 
 @dataclass(frozen=True)
@@ -81,21 +82,30 @@ def stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
 
     Args: lambda and mu (Q,), of which it has the unit
     """
-    F, strain = H + np.eye(3), (H + H.swapaxes(1, 2)) / 2
+    found = np.empty_like(H)
+    for part in (slice(start, start + AT_ONCE) for start in range(0, len(H), AT_ONCE)):
+        found[part] = _stress(law, H[part], lmbda[part], mu[part])
+    return found
+
+
+def _stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
+    F = H + np.eye(3)
     if law.invariants == "stretch":
-        cofactor = np.stack([np.cross(F[:, i - 2], F[:, i - 1]) for i in range(3)], axis=1)  # J F^-T
-        a, b = (F * F).sum(axis=(1, 2)), (F[:, 0] * cofactor[:, 0]).sum(axis=1)
+        cofactor = np.empty_like(F)  # J F^-T
+        for i, j in np.ndindex(3, 3):
+            cofactor[:, i, j] = F[:, i - 2, j - 2] * F[:, i - 1, j - 1] - F[:, i - 2, j - 1] * F[:, i - 1, j - 2]
+        a, b = np.einsum("qij,qij->q", F, F), np.einsum("qi,qi->q", F[:, 0], cofactor[:, 0])
         b[b <= 0] = np.nan
         slopes = 2 * F, cofactor
     else:
+        strain = (H + H.swapaxes(1, 2)) / 2
         small = law.invariants == "small strain"
         strain = strain if small else strain + H.swapaxes(1, 2) @ H / 2
         a, b = np.trace(strain, axis1=1, axis2=2), (strain * strain).sum(axis=(1, 2))
         slopes = (np.eye(3), 2 * strain) if small else (F, 2 * F @ strain)
     by_a = law.energy(a + 1j * STEP, b, lmbda, mu, np.log).imag / STEP
     by_b = law.energy(a, b + 1j * STEP, lmbda, mu, np.log).imag / STEP
-    found: Floats = by_a[:, None, None] * slopes[0] + by_b[:, None, None] * slopes[1]
-    return found
+    return np.asarray(by_a[:, None, None] * slopes[0] + by_b[:, None, None] * slopes[1])
 
 
 def by_region(materials: Materials, mesh: Mesh) -> list[tuple[Material, Cells]]:

@@ -104,7 +104,7 @@ class Balance:
         """True when loads or supports that move do something to the body."""
         return bool(self.load.any() or self.target.any() or self.pressed is not None or self.tabled or self.moves.varied)
 
-    def outer(self, fraction: float) -> Floats:
+    def apply_loads(self, fraction: float) -> Floats:
         """(N, 3) dead loads [N] at a fraction of the loading; from now on pressures that follow their faces act as there."""
         if self.pressed is not None:
             self.pressed.fraction = fraction
@@ -118,7 +118,7 @@ class Balance:
         """[J] of the loads as they are at a fraction of the loading, up to displacements (N, 3)."""
         even = fraction * float((self.load * u).sum())
         work = sum((float((share(load, fraction) * force * u).sum()) for load, force in self.tabled), even)
-        self.outer(fraction)
+        self.apply_loads(fraction)
         return work + (0.0 if self.pressed is None else self.pressed.work(u))
 
     def rests(self, fraction: float) -> bool:

@@ -145,7 +145,7 @@ class Newton:
 
         Raises `NoEquilibrium` when the stiffness there cannot be factored, or offers contact no resistance.
         """
-        contact, outer = self.balance.contact, self.balance.outer(fraction)
+        contact, outer = self.balance.contact, self.balance.apply_loads(fraction)
         self._refactor(u)
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - outer, touch)
@@ -167,7 +167,7 @@ class Newton:
         if self.tangent.stale or self.balance.turned(last.u, self.tangent.factored_at):
             self._refactor(last.u)
             self._check_stable(self._touch(last.fraction, last.u, last.pressure), look=True)
-        u, pressure, size, outer = start, last.pressure, np.inf, self.balance.outer(fraction)
+        u, pressure, size, outer = start, last.pressure, np.inf, self.balance.apply_loads(fraction)
         self._mixing.begin()
         for iteration in range(1, ITERATIONS // 2 + 1):
             touch = self._touch(fraction, u, pressure)
@@ -209,7 +209,7 @@ class Newton:
     def _newton(self, fraction: float, start: Floats, last: State, *, renew: bool = False) -> State:
         """Newton's method with the kept factor, or a new one at each iterate. Raises `NoEquilibrium` when it does not converge."""
         balance = self.balance
-        u, outer = start, balance.outer(fraction)
+        u, outer = start, balance.apply_loads(fraction)
         touch = self._touch(fraction, u, last.pressure)
         force = balance.elasticity.force(u) - outer
         self._mixing.begin()

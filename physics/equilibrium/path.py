@@ -125,7 +125,7 @@ class LoadPath:
         elif self.linear is not None and memory.linear is not None:
             self.linear.recall(memory.linear)
         if memory.pressed is not None:
-            self.balance.outer(memory.pressed)
+            self.balance.apply_loads(memory.pressed)
         self.newton.recall(memory.newton)
 
     def _snap(self, fraction: float, error: NoEquilibrium) -> State:
@@ -148,7 +148,7 @@ class LoadPath:
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""
-        self.balance.outer(fraction)
+        self.balance.apply_loads(fraction)
         return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), self.balance.moved(fraction))
 
     def _append(self, state: State) -> State:

@@ -69,7 +69,7 @@ class Relaxation(Newton):
         """
         balance, drag = self.balance, self.least
         at = np.where(balance.fixed, balance.moved(fraction), last.u)
-        outer, pressure = balance.outer(fraction), last.pressure
+        outer, pressure = balance.apply_loads(fraction), last.pressure
         before, failures, peak, patience = self._potential(at, fraction), 0, 0.0, 0
         for step in range(1, STEPS + 1):
             made = self._euler(fraction, at, pressure, drag)
@@ -99,7 +99,7 @@ class Relaxation(Newton):
         touch = self._touch(fraction, u, pressure)
         try:
             self.tangent.renew(u, definite=True)
-            move = self._step(balance.elasticity.force(u) - balance.outer(fraction), touch)
+            move = self._step(balance.elasticity.force(u) - balance.apply_loads(fraction), touch)
         except NoEquilibrium:
             return None
         way = float(np.linalg.norm(move, axis=1).max())

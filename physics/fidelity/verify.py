@@ -41,12 +41,24 @@ OF_EQUATIONS = ("relative_residual", "energy_error", "reaction_error", "stress_e
 class Fidelity:
     """How far a prediction is from the truth; lengths in metres. "free": nodes that are neither held nor obstacle."""
 
-    rmse_1: float  # free nodes, one step from the true state before; without such predictions the first step, if it moves the truth
-    rmse_50: float  # free nodes, steps 1 .. 50 of the rollout
-    rmse_all: float  # free nodes, all steps
-    rmse_1_pooled: float  # the same over all nodes of the body, held ones too
-    rmse_50_pooled: float
-    rmse_all_pooled: float
+    rmsd_1: float  # free nodes, one step from the true state before; without such predictions the first step, if it moves the truth
+    rmsd_50: float  # free nodes, steps 1 .. 50 of the rollout
+    rmsd_all: float  # free nodes, all steps
+    rmsd_1_all_nodes: float  # the same over all nodes of the body, held ones too
+    rmsd_50_all_nodes: float
+    rmsd_all_all_nodes: float
+    rmse_1: float  # of a coordinate, as published: free nodes, the same steps
+    rmse_50: float
+    rmse_all: float
+    rmse_1_by_step: float  # the mean over steps of each step's root
+    rmse_50_by_step: float
+    rmse_all_by_step: float
+    rmse_1_all_nodes: float
+    rmse_50_all_nodes: float
+    rmse_all_all_nodes: float
+    rmse_1_by_step_all_nodes: float
+    rmse_50_by_step_all_nodes: float
+    rmse_all_by_step_all_nodes: float
     gf_h: float  # mean over steps of the Hausdorff distance
     gf_c: float  # [m2] mean over steps of the Chamfer distance
     mc: float  # mean over steps of the error of mesh continuity
@@ -93,7 +105,7 @@ class Checker:
     def frame(self, u: Floats, fraction: float) -> Frame:
         """Displacements (N, 3) at a fraction of the loading, held against the equations."""
         balance = self.balance
-        outer = balance.outer(fraction)
+        outer = balance.apply_loads(fraction)
         force = balance.elasticity.force(u) - outer
         free, energy = ~balance.fixed, balance.elasticity.energy(u)
         if balance.contact is None:
@@ -144,10 +156,24 @@ def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene | None, 
         of_first = np.full_like(of_first, np.nan)
     error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))  # (T,)
     return Fidelity(
-        rmse_1=quality.rmse(first, of_first, free), rmse_50=quality.rmse(u[1:51], truth[1:51], free),
-        rmse_all=quality.rmse(u[1:], truth[1:], free), rmse_1_pooled=quality.rmse(first, of_first),
-        rmse_50_pooled=quality.rmse(u[1:51], truth[1:51]), rmse_all_pooled=quality.rmse(u[1:], truth[1:]),
+        **_errors({"1": (first, of_first), "50": (u[1:51], truth[1:51]), "all": (u[1:], truth[1:])}, free,
+                  _space(mesh, truth)),
         worst_step=int(np.argmax(error)), **_of_shape(u, truth, mesh), **_of_equations(u, truth, error, scene, mesh, free, sample))
+
+
+def _errors(steps: dict[str, tuple[Floats, Floats]], free: NDArray[np.bool_], space: int) -> dict[str, Any]:
+    """Every kind of root mean square of some steps, by their name: prediction and truth (T, N, 3)."""
+    found: dict[str, Any] = {}
+    for name, pair in steps.items():
+        for where, nodes in (("", free), ("_all_nodes", slice(None))):
+            found |= {f"rmsd_{name}{where}": quality.rmsd(*pair, nodes), f"rmse_{name}{where}": quality.rmse(*pair, nodes, space=space),
+                      f"rmse_{name}_by_step{where}": quality.rmse(*pair, nodes, by_step=True, space=space)}
+    return found
+
+
+def _space(mesh: Mesh, truth: Floats) -> int:
+    """Along how many axes a body extends or moves: 2 for one in a plane, 3 for a cloth."""
+    return max(1, int(np.count_nonzero((np.ptp(mesh.points, axis=0) > 0) | truth.any(axis=(0, 1)))))
 
 
 def _of_shape(u: Floats, truth: Floats, mesh: Mesh) -> dict[str, Any]:

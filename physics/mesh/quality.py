@@ -1,7 +1,7 @@
 """How good a deformed mesh is: against a true one, and by itself.
 
-Against the truth: rmse, Hausdorff GF_h, Chamfer GF_c, and the errors of mesh continuity MC and aspect ratio AR. By itself:
-cell volumes, det F (F the deformation gradient of the isoparametric map), inverted cells, scaled Jacobian. GF_h, GF_c, MC
+Against the truth: rmse, rmsd, Hausdorff GF_h, Chamfer GF_c, and the errors of mesh continuity MC and aspect ratio AR. By itself:
+cell volumes, det F (F the deformation gradient of the isoparametric map), scaled Jacobian. GF_h, GF_c, MC
 and AR follow the M4GN paper (appendix "Metrics for Mesh Quality Measure"), which takes them at every step and averages.
 
 Legend: N nodes, C cells, n nodes of a cell, Q sample points of a cell; "..." any leading axes, usually the T frames.
@@ -30,20 +30,38 @@ FLAT = 1e-12  # of a cell's largest Jacobian determinant
 CHUNK = 4_000_000  # floats held at once while the frames are worked through
 
 
-def rmse(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice = slice(None)) -> float:
-    """sqrt(mean over frames and nodes of |prediction - reference|^2) [m], |.| the Euclidean norm of the vector.
-
-    The paper does not say whether it averages over the three components as well, as DeepMind's evaluation of MeshGraphNets
-    does: such a number is this one divided by sqrt(3).
+def rmsd(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice = slice(None)) -> float:
+    """Root mean square distance, sqrt(mean over frames and nodes of |prediction - reference|^2) [m], |.| the length of the vector.
 
     Args:
-        prediction, reference: (..., N, 3)
+        prediction, reference: (..., N, D)
         nodes: (N,) bool or node numbers, those that count
     """
+    return float(np.sqrt(np.mean(np.sum(_squares(prediction, reference, nodes), axis=-1))))
+
+
+def rmse(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice = slice(None), *, by_step: bool = False,
+         space: int = 3) -> float:
+    """Root mean square error of a coordinate [m], as DeepMind's evaluation of MeshGraphNets counts, and papers after it.
+
+    sqrt(mean over frames, nodes and components of (prediction - reference)^2), which is rmsd / sqrt(space).
+
+    Args:
+        prediction, reference, nodes: as of rmsd, with frames in front
+        by_step: the mean over frames of each frame's own root, which is never more
+        space: how many components count: 2 for a body in a plane, whose third is always zero
+    """
+    squares = np.sum(_squares(prediction, reference, nodes), axis=-1) / space
+    return float(np.mean(np.sqrt(np.mean(squares, axis=-1))) if by_step else np.sqrt(np.mean(squares)))
+
+
+def _squares(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice) -> Floats:
+    """(..., n, D) squared errors of the chosen nodes."""
     # Only the chosen nodes are copied; in float64, because the square of a float32 error of 1e-20 m would be lost.
     chosen = nodes if isinstance(nodes, slice) else np.asarray(nodes)
     error = np.asarray(prediction)[..., chosen, :].astype(np.float64) - np.asarray(reference)[..., chosen, :]
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=-1))))
+    squares: Floats = error**2
+    return squares
 
 
 def set_distances(a: ArrayLike, b: ArrayLike) -> tuple[float, float]:
@@ -108,11 +126,6 @@ def centre_gradients(cell: str) -> Floats:
 def smallest_det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Floats:
     """(...) smallest det F of the whole mesh, as in `det_f`."""
     return det_f(points, displacement, cells, cell).min(axis=-1)
-
-
-def inverted_cells(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Integers:
-    """(...) number of cells whose det F is not positive at one of the points of `det_f`, or not a number."""
-    return np.count_nonzero(~(det_f(points, displacement, cells, cell) > 0), axis=-1)
 
 
 def mesh_continuity(points: ArrayLike, cells: Integers, cell: str) -> Floats:
