@@ -262,15 +262,19 @@ def test_a_body_in_a_plane_has_two_coordinates():
     assert verify(prediction, truth, scene=None, mesh=mesh, free=free).rmse_all == pytest.approx(5e-3 / 3**0.5)
 
 
-@pytest.mark.parametrize("cell, continuity", [("triangle", True), ("quadrilateral", False)])
-def test_of_plane_cells_a_cloths_quadrilaterals_have_no_continuity_and_none_has_a_volume(cell, continuity):
-    """The second of two squares becomes a tenth longer, which the truth does not."""
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_plane_cells_have_the_figures_of_their_plane_and_those_of_a_cloth_no_volume(cell):
+    """The second of two squares becomes a tenth shorter, which the truth does not."""
     mesh = rectangle(Body(shape="plate", length=2.0, width=1.0, cells=(2, 1), cell=cell))
     moved = np.zeros((2, len(mesh.points), 3))
-    moved[1, mesh.points[:, 0] == 2.0, 0] = 0.1
+    moved[1, mesh.points[:, 0] == 2.0, 0] = -0.1
     found = verify(moved, np.zeros_like(moved), scene=None, mesh=mesh, free=np.ones(len(mesh.points), bool))
-    assert [bool(np.isfinite(found.mc)), bool(np.isfinite(found.ar))] == [continuity] * 2 and np.isnan(found.smallest_det_f)
-    if continuity:
-        # Four triangles in a row, of 0.5, 0.5, 0.55 and 0.55 m2: the inner two have a neighbour 1.1 times as large or small.
-        assert found.mc == pytest.approx((0 + 0.1 + 0.1 + 0) / 4, rel=1e-6)
-    assert found.gf_h == pytest.approx(0.1)
+    assert found.smallest_det_f == pytest.approx(0.9) and found.inverted_elements == 0
+    if cell == "triangle":
+        # Four triangles in a row, of 0.5, 0.5, 0.45 and 0.45 m2: the inner two have neighbours of which one is 1/0.9 times the other.
+        assert found.mc == pytest.approx((0 + 1 / 9 + 1 / 9 + 0) / 4, rel=1e-6)
+    else:
+        assert found.mc == 0 and found.ar == pytest.approx((0.9**-0.5 - 1) / 2, rel=1e-6)  # one neighbour each; sides of 1 over sqrt(0.9)
+    moved[1, 0, 2] = 0.01
+    cloth = verify(moved, np.zeros_like(moved), scene=None, mesh=mesh, free=np.ones(len(mesh.points), bool))
+    assert np.isnan(cloth.smallest_det_f) and np.isnan(cloth.inverted_elements) and np.isfinite([cloth.mc, cloth.ar]).all()
