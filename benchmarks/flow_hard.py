@@ -73,7 +73,7 @@ def too_long() -> str:
 
 
 def slivers() -> str:
-    """The same flow on a mesh with ten cells pressed flat to 1 % of their height."""
+    """The same flow on a mesh some of whose cells are pressed flat to 3 % of their height."""
     scene = flow(0.3)
     mesh = computed_mesh(scene)
     random, points = np.random.default_rng(0), mesh.points.copy()

@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import basix
 import ffcx
 import ffcx.compiler
 import numpy as np
@@ -37,6 +38,8 @@ PETSc.Sys.popSignalHandler()
 
 FFCX_VERSION = ffcx.__version__
 OLD = tuple(int(part) for part in __version__.split(".")[:2]) < (0, 8)
+if not OLD:
+    import basix.ufl
 
 # dolfinx lists the corners of a hexahedron as a tensor product, gmsh and VTK go round each face.
 FROM_GMSH = {"triangle": [0, 1, 2], "quadrilateral": [0, 1, 3, 2], "tetrahedron": [0, 1, 2, 3],
@@ -101,8 +104,6 @@ def tensors() -> tuple[Any, Any]:
         domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1))
         element = ufl.TensorElement("DG", cell, 0, shape=(3, 3))
     else:
-        import basix.ufl
-
         domain = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
         element = basix.ufl.element("DG", "tetrahedron", 0, shape=(3, 3))
     return domain, ufl.FunctionSpace(domain, element)
@@ -146,9 +147,7 @@ class Space:
             dolfinx_mesh._uflcell_to_dolfinxcell["prism"] = dolfinx_mesh.CellType.prism
             element = ufl.VectorElement("Lagrange", cell, 2 if curved else 1)
         else:
-            import basix.ufl
-
-            element = basix.ufl.element("Lagrange", mesh.cell, 2 if curved else 1, shape=(dimension,))
+                element = basix.ufl.element("Lagrange", mesh.cell, 2 if curved else 1, shape=(dimension,))
         with _quiet():
             self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
         self.V = _lagrange(self.domain, order, D)
@@ -225,8 +224,6 @@ def _lagrange(domain: Any, order: int, components: int) -> Any:
 
 def _entities(corners: NDArray[np.int64], blocks: Any, cell: str, layout: Any) -> dict[int, Any]:
     """For each number of corners k the blocks that lie inside of entities with k corners (n,), and these corners (n, k)."""
-    import basix
-
     topology = basix.topology(getattr(basix.CellType, cell))
     found: dict[int, list[Any]] = {}
     for dimension, entities in enumerate(topology):
@@ -242,8 +239,6 @@ def _entities(corners: NDArray[np.int64], blocks: Any, cell: str, layout: Any) -
 
 def _middles(cell: str) -> list[tuple[int, ...]]:
     """The corners, as our mesh numbers them, of the edges, faces and cells inside of which a cell of second order has a node, in order."""
-    import basix
-
     element = basix.create_element(basix.ElementFamily.P, getattr(basix.CellType, cell), 2, basix.LagrangeVariant.equispaced)
     return [tuple(FROM_GMSH[cell][corner] for corner in local)
             for dimension, group in enumerate(basix.topology(getattr(basix.CellType, cell))) if dimension

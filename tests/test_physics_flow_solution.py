@@ -125,6 +125,17 @@ def test_steps_that_are_too_long_are_taken_again_and_never_believed(monkeypatch)
     assert stepper.memory is before
 
 
+def test_cells_that_are_too_large_are_said_and_no_others():
+    """Reynolds number 670 on a dozen cells around the cylinder; and a thick fluid, also where it turns round."""
+    fast = solve_flow(channel_flow(inflow=[{"speed": 10.0, "ramp": 0.02}], steps={"count": 4, "duration": 0.04}))
+    assert any("too large for this flow" in remark for remark in fast.remarks)
+    assert fast.model["resolution"].startswith(f"{100 * fast.per_frame['unresolved'][2:].max():.2f}"[:3])
+    thick = {"density": 1.0, "viscosity": 0.1}
+    slow = solve_flow(channel_flow(fluid=thick, inflow=[{"speed": 0.1, "period": 0.4}], steps={"count": 10, "duration": 0.2}))
+    assert slow.remarks == ()
+    assert "fair up to 3%" in slow.model["resolution"]
+
+
 def test_what_does_not_converge_is_said_and_what_was_reached_is_kept(monkeypatch):
     scene = channel_flow()
 

@@ -171,9 +171,15 @@ def _places(where: Stored, space: FlowSpace, conditions: Conditions, scene: Flow
     return found
 
 
+def _unresolved(rows: dict[str, Floats]) -> float:
+    """The largest share of the velocity that only its highest order holds, past the start, over the fastest flow of all frames."""
+    speed = np.sqrt(rows["kinetic_energy"] / max(float(rows["kinetic_energy"].max()), 1e-300))
+    return float((rows["unresolved"] * speed)[len(speed) // 2:].max())
+
+
 def _remarks(scene: FlowScene, space: FlowSpace, rows: dict[str, Floats]) -> tuple[str, ...]:
     """What a reader should not miss."""
-    share = float(rows["unresolved"][len(rows["unresolved"]) // 2:].max())
+    share = _unresolved(rows)
     if share <= RESOLVED[scene.order]:
         return space.mesh.remarks
     return (*space.mesh.remarks, f"the cells are too large for this flow: {share:.1%} of the velocity is in functions of order "
@@ -198,7 +204,7 @@ def _model(scene: FlowScene, space: FlowSpace, rows: dict[str, Floats]) -> dict[
         fair = "fair below about 190, where a cylinder's wake becomes three-dimensional" if number <= 190 else (
             "not fair: past about 190 a cylinder's wake is three-dimensional, and its forces are smaller than in the plane")
         said["two dimensions"] = f"{fair} (Williamson 1996)"
-    share, most = float(rows["unresolved"][len(rows["unresolved"]) // 2:].max()), RESOLVED[order]
+    share, most = _unresolved(rows), RESOLVED[order]
     said["resolution"] = (f"{share:.2%} of the velocity is in functions of order {order} alone, at most, past the start: "
                           + (f"fair up to {most:.0%}" if share <= most else f"not fair: past {most:.0%} the cells are too large"))
     said["fluid"] = "Newtonian and incompressible: fair below a tenth of the speed of sound; no turbulence model"
