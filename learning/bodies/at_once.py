@@ -51,9 +51,9 @@ def path_of(model: AtOnce, trajectory: Trajectory) -> Path:
         raise InputError("holds no scene, which tells the predictor what presses on what")
     scene = Scene.from_toml(trajectory.scene)
     mesh = solved_on(scene, trajectory)
+    path = predict(model, scene, mesh)
     if not np.array_equal(mesh.points, trajectory.points[trajectory.body]):
         raise InputError("the mesh is not the one that its scene builds")
-    path = predict(model, scene, mesh)
     if len(path.bar) != len(trajectory.displacement):
         raise InputError(f"has {len(trajectory.displacement)} frames, its scene {len(path.bar)}")
     return path
