@@ -2,7 +2,7 @@
 
 import math
 
-from learning.report.cost import called, cost_said, paid_back
+from learning.report.cost import called, cost_said, paid_back, payback_said
 from tests.rows import row
 
 
@@ -36,3 +36,9 @@ def test_predictors_are_called_after_their_kind_and_where_there_are_several_afte
 def test_what_it_took_is_said_where_it_is_known():
     assert cost_said({"seconds": 60.0, "data_seconds": 5293.2}) == "60 s of training, 5293 s for its data"
     assert cost_said({"seconds": 60.0}) == "60 s of training"
+
+
+def test_only_what_is_ever_paid_back_is_told_so():
+    headers = {"fast": {"seconds": 60.0, "data_seconds": 3000.0}, "slow": {"seconds": 1.0, "data_seconds": 1.0}}
+    said, = payback_said(paid_back(some(), headers))
+    assert said.startswith("fast has paid back") and "after 1020 scenes" in said

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from learning.report.table import Row, shown
+from learning.report.table import Row
 
 
 def called(runs: dict[str, Any]) -> dict[str, str]:
@@ -42,4 +42,11 @@ def _scenes(about: dict[str, Any], saved: float) -> float:
 def cost_said(about: dict[str, Any]) -> str:
     """What a training and its data took, in words."""
     data = about.get("data_seconds")
-    return f"{shown(about['seconds'])} s of training" + (f", {shown(data)} s for its data" if data else "")
+    return f"{about['seconds']:.0f} s of training" + (f", {data:.0f} s for its data" if data else "")
+
+
+def payback_said(rows: Sequence[Row]) -> list[str]:
+    """After how many scenes each learned predictor is paid back, where that is known: a sentence each."""
+    known = [(row, row.scores.get("paid_back", math.nan)) for row in rows]
+    return [f"{row.name} has paid back the time of its training and data after {scenes:.0f} scenes that finite elements need not solve."
+            for row, scenes in known if math.isfinite(scenes)]

@@ -31,7 +31,7 @@ from learning.prediction.foreign import Own, from_folder, from_function
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
-from learning.report.cost import called, cost_said, paid_back
+from learning.report.cost import called, cost_said, paid_back, payback_said
 from learning.report.differences import differing, spread_said
 from learning.report.measure import LONG, Measurement, measure
 from learning.report.report import write_report
@@ -133,7 +133,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     headers = {name: read_stored(Path(run) / "model.safetensors")[0] for run, name in called(runs).items()}
     found.rows = paid_back(found.rows, headers)
     seeds_alone = bool(apart) and all(words.startswith("seed ") and "," not in words for words in apart.values())
-    spread = spread_said(found.rows, chance=seeds_alone)
+    spread = [*spread_said(found.rows, chance=seeds_alone), *payback_said(found.rows)]
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
                     outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
                     facts=_facts(runs, cases, found, repeats) | (about or {}),
