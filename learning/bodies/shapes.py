@@ -43,7 +43,9 @@ def functions(body: Body, degrees: Powers) -> Floats:
 def fit(values: Floats, displacement: Floats) -> Floats:
     """(T, M, 3) coefficients of displacements (T, N, 3) for functions (N, M)."""
     normal = values.T @ values / len(values) + RIDGE * np.eye(values.shape[1])
-    return np.linalg.solve(normal, np.einsum("nm,tnk->tmk", values, displacement, optimize=True) / len(values))
+    work = np.tensordot(values, displacement, ((0,), (1,))) / len(values)  # (M, T, 3)
+    found: Floats = np.linalg.solve(normal, work.reshape(len(work), -1)).reshape(work.shape)
+    return found.swapaxes(0, 1)
 
 
 def principal(coefficients: Floats, weight: Floats, count: int) -> Floats:
