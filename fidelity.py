@@ -49,7 +49,7 @@ def generate(options: Options) -> dict[str, Any]:
     if options.out is None:
         raise InputError("--out: give the folder, or --dry-run to see what would be made")
     result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers,
-                 cluster=options.cluster, tls=options.tls, time_limit=options.time_limit)
+                 cluster=options.cluster, tls=options.tls, time_limit=options.time_limit, stress=bool(options.fields))
     _say(options, ", ".join(f"{key} {value}" for key, value in result.items()) + f": {options.out}")
     return result
 
@@ -71,15 +71,11 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 def verify(options: Options) -> dict[str, Any]:
     """Any prediction in the trajectory format, or a folder of them, held against its reference and against the equations."""
-    from datagen.files.places import remarks_on_file
     from datagen.files.prediction import lines, verify_files
-    from datagen.files.trajectory import read_trajectory
 
     result = verify_files(options.prediction, options.reference, _writable(options.out))
     for line in lines(result):
         _say(options, line)
-    for remark in remarks_on_file(read_trajectory(options.reference).extra) if Path(options.reference).is_file() else ():
-        _say(options, f"remark: {remark}")
     return result
 
 
@@ -226,6 +222,7 @@ def _parser() -> argparse.ArgumentParser:
                                                             "network, tls:// for any")
     add("--tls", nargs=3, default=(), metavar=("CA", "CERT", "KEY"), help="for tls://, files of the authority's certificate, ours, its key")
     add("--time-limit", type=float, default=math.inf, metavar="S", help="seconds for one scene, then another is drawn (none)")
+    add("--fields", choices=("stress",), help="stress: also the stress tensor and von Mises stress at the nodes, in all frames")
     add("--dry-run", action="store_true", help="only draw the scenes: what the set will be like")
     data = verbs.add_parser("dataset", help="A folder of trajectories.").add_subparsers(dest="what", required=True, parser_class=_Parser)
     add_data_verbs(lambda name, about, *positional: verb(name, of_data, *positional, about=about, into=data), _positive, _count, _seed)

@@ -13,7 +13,7 @@ from benchmarks import footing
 from datagen.sets.dataset import files
 from learning.prediction.checkpoint import load_model
 from learning.samples.samples import load_examples
-from physics.mesh.quality import rmse
+from physics.mesh.quality import rmsd
 
 
 def main():
@@ -28,7 +28,7 @@ def main():
     level = None
     if config.estimate:
         cases = load_examples(files(options.data, "valid"), config, walk=True)
-        level = np.mean([rmse(case.estimate.displacement, case.trajectory.displacement[case.targets], case.trajectory.free)
+        level = np.mean([rmsd(case.estimate.displacement, case.trajectory.displacement[case.targets], case.trajectory.free)
                          for case in cases])
         errors.insert(0, (0.0, 0, level))  # training begins with the estimate as it is
     seconds, samples, error = np.array(errors).T
@@ -36,7 +36,7 @@ def main():
     axes.plot(seconds, 1e6 * error, "o-", color="C0", label="network")
     if level is not None:
         axes.axhline(1e6 * level, color="C1", linestyle="--", label="estimate alone")
-    axes.set(xlabel="training [s], one core", ylabel="RMSE of all steps, validation [µm]", xlim=(0, None), ylim=(0, None))
+    axes.set(xlabel="training [s], one core", ylabel="RMSD of all steps, validation [µm]", xlim=(0, None), ylim=(0, None))
     axes.legend(frameon=False)
     per_second = samples[-1] / seconds[-1]
     above = axes.secondary_xaxis("top", functions=(lambda s: s * per_second / 1e3, lambda n: n / per_second * 1e3))

@@ -22,7 +22,7 @@ from learning.report.evaluate import warm_up
 from learning.report.pareto import COLOURS, MARKERS
 from physics.fem import release
 from physics.mesh.build import build_mesh
-from physics.mesh.quality import rmse
+from physics.mesh.quality import rmsd
 
 CELLS = ((40, 5, 5), (60, 8, 8), (90, 12, 12))
 
@@ -51,7 +51,7 @@ def measure(run: str | None, steps: int) -> list[dict]:
                 continue
             rows.append({"predictor": predictor.name, "kind": predictor.kind, "nodes": len(case.mesh.points),
                          "ms_per_step": 1e3 * seconds / steps,
-                         "rmse_all_mm": 1e3 * rmse(found.path[1:], case.truth[1:], case.free)})
+                         "rmsd_all_mm": 1e3 * rmsd(found.path[1:], case.truth[1:], case.free)})
             footing.say("  ".join(f"{value:.4g}" if isinstance(value, float) else str(value) for value in rows[-1].values()))
         release()
     return rows
@@ -84,7 +84,7 @@ def main() -> None:
     for name in dict.fromkeys(row["predictor"] for row in rows):
         own = {row["nodes"]: row for row in rows if row["predictor"] == name}
         table.add({"": name} | {f"{nodes} nodes": f"{own[nodes]['ms_per_step']:.3g}" + (
-            f" ({own[nodes]['rmse_all_mm']:.2g})" if name != REFERENCE else "") if nodes in own else None
+            f" ({own[nodes]['rmsd_all_mm']:.2g})" if name != REFERENCE else "") if nodes in own else None
             for nodes in dict.fromkeys(row["nodes"] for row in rows)})
     if options.picture:
         picture(options.picture, rows)

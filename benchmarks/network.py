@@ -24,7 +24,8 @@ from torch.utils.flop_counter import FlopCounterMode
 from benchmarks import footing
 from learning.config import TrainConfig
 from learning.graphs.graph import Graph, join
-from learning.networks.m4gn import M4GN, PRECISIONS, M4GNConfig, products
+from learning.networks.blocks import PRECISIONS, products
+from learning.networks.m4gn import M4GN, M4GNConfig
 from learning.prediction.memory import keep_freed_memory
 from learning.samples.samples import build_example, fit_normaliser, sample
 from tests import plain_m4gn

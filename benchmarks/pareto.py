@@ -9,7 +9,7 @@ from benchmarks import footing
 from learning.report.compare import compare
 from learning.report.table import COLUMNS, heads, shown
 
-SHOWN = {key: COLUMNS[key] for key in ("ms_per_step", "ms_per_step_alone", "rmse_all", "rmse_refined", "relative_residual", "stress_error",
+SHOWN = {key: COLUMNS[key] for key in ("ms_per_step", "ms_per_step_alone", "rmsd_all", "rmsd_refined", "relative_residual", "stress_error",
                                        "iterations")}
 
 

@@ -30,7 +30,7 @@ from learning.prediction.checkpoint import load_model
 from learning.prediction.rollout import walk
 from learning.samples.samples import build_example
 from physics.fem import release
-from physics.mesh.quality import inverted_cells, rmse
+from physics.mesh.quality import det_f, rmsd
 from physics.scene import read_scene
 from physics.solution import solve
 
@@ -64,15 +64,15 @@ def measured(model, trajectory, disturbed=False):
     blind = replace(trajectory, displacement=np.where(free[:, None], 0, truth).astype(np.float32))
     case = build_example(blind, model.config, targets=frames if model.config.scheme == "pose" else None)
     path = walk(model, case, start=start)
-    error = np.array([rmse(path[frame], truth[frame], free) for frame in frames])
+    error = np.array([rmsd(path[frame], truth[frame], free) for frame in frames])
     middle, end = (np.sqrt(np.mean(np.array_split(error, 10)[part] ** 2)) for part in (5, -1))
     footing.say(f"drift, root mean square error of the last tenth of the frames over that of the sixth: {end / max(middle, 1e-12):.2g}")
     alone, mesh = np.nan, trajectory.mesh
     if case.estimate is not None:
-        alone = rmse(case.estimate.displacement[np.searchsorted(case.estimate.frames, frames)], truth[frames], free)
-    return {"RMSE-all [m]": np.sqrt(np.mean(error**2)), "estimate alone [m]": alone,
-            "nothing moves [m]": rmse(0 * truth[frames], truth[frames], free), "largest [m]": error.max(),
-            "inverted cells": inverted_cells(mesh.points, path[frames][:, body], mesh.cells, mesh.cell).max()}
+        alone = rmsd(case.estimate.displacement[np.searchsorted(case.estimate.frames, frames)], truth[frames], free)
+    return {"RMSD-all [m]": np.sqrt(np.mean(error**2)), "estimate alone [m]": alone,
+            "nothing moves [m]": rmsd(0 * truth[frames], truth[frames], free), "largest [m]": error.max(),
+            "inverted cells": np.count_nonzero(~(det_f(mesh.points, path[frames][:, body], mesh.cells, mesh.cell) > 0), axis=-1).max()}
 
 
 def main():

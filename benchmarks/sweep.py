@@ -50,7 +50,7 @@ def force(index: int) -> dict[str, object]:
     half, end = found.rows.force[0] / reaction
     return {"beam": index, "obstacle": scene.obstacle.shape, "held at": "one end" if len(scene.support) == 1 else "both ends",
             "force, halfway": float(half), "force, at the end": float(end),
-            "RMSE of displacement at the end [m]": float(np.sqrt((off[1] ** 2).sum(axis=1).mean()))}
+            "RMSD of displacement at the end [m]": float(np.sqrt((off[1] ** 2).sum(axis=1).mean()))}
 
 
 def main() -> None:

@@ -36,8 +36,8 @@ def main() -> None:
             von_mises(mesh, prediction[t], scene.material)
 
     def metrics() -> None:
-        quality.rmse(prediction, truth)
-        quality.rmse(prediction, truth, free)
+        quality.rmsd(prediction, truth)
+        quality.rmsd(prediction, truth, free)
         for a, b in zip(now, then, strict=True):
             quality.set_distances(a, b)
         quality.mesh_continuity_error(now, then, *cells)

@@ -178,6 +178,9 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     with tqdm(total=scene.steps.count, disable=True if rank else None, desc="simulate", unit="step") as bar:
         solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part if processes == 1 else None,
                          spread=processes > 1, partial=True)
+    if (largest := float(abs(solution.displacement).max())) > np.finfo(np.float32).max:
+        part.unlink(missing_ok=True)
+        raise WorkError(f"the body moves by up to {largest:.3g} m, and a file holds numbers up to 3.4e+38; nothing is written")
     trajectory = trajectory_of(scene, solution=solution)
     if rank == 0:
         if options.fields:
@@ -200,9 +203,9 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
               "largest_relative_residual": float(solution.relative_residual.max()),
               "largest_penetration": float(solution.penetration.max()),
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
-              **({"obstacle": trajectory.per_frame["obstacle"][1:].tolist()} if "obstacle" in trajectory.per_frame else {}),
+              **{name: rows[1:].tolist() for name, rows in trajectory.per_frame.items() if name.startswith(("obstacle", "reaction_"))},
               "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
-              "resumed_after_step": solution.resumed, "remarks": list(solution.mesh.remarks)}
+              "resumed_after_step": solution.resumed, "remarks": [*solution.mesh.remarks, *solution.stiff(scene)]}
     say(f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
         f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
     for what, why in result["model"].items():

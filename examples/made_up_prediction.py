@@ -23,7 +23,7 @@ figures = verify(1.1 * truth.displacement, truth.displacement, scene=scene, mesh
 motion = np.sqrt((truth.displacement[1:, free] ** 2).sum(axis=2).mean())  # [m] root mean square
 still = verify(0 * truth.displacement, truth.displacement, scene=scene, mesh=truth.mesh, free=free)
 
-print(f"too far: error {figures.rmse_all / motion:.4f} of the motion, residual {figures.relative_residual:.3f} of the reaction")
+print(f"too far: error {figures.rmsd_all / motion:.4f} of the motion, residual {figures.relative_residual:.3f} of the reaction")
 print(f"nothing moves: residual {still.relative_residual:.1e}, but the cylinder is {1e3 * still.largest_penetration:.3f} mm inside")
-assert abs(figures.rmse_all / motion - 0.1) < 1e-6
+assert abs(figures.rmsd_all / motion - 0.1) < 1e-6
 assert figures.relative_residual > 0.1 and abs(still.largest_penetration - 0.0055) < 2e-4  # 6 mm less the gap of 0.5 mm

@@ -40,5 +40,5 @@ with open("press.toml", "w") as file:
 found = compare("press.toml", [], "report", functions=[own_model], only=["trivial"], refined=0, repeats=1)
 rows = {row["name"]: row["scores"] for row in found["rows"]}
 mine, idle = rows["own_model"], rows["nothing moves"]
-print(f"{mine['ms_per_step']:.2g} ms a step, {1e3 * mine['rmse_all']:.3g} mm off; {1e3 * idle['rmse_all']:.3g} mm if nothing moved")
-assert mine["ms_per_step"] > 0 and mine["rmse_all"] < 0.05 * idle["rmse_all"]
+print(f"{mine['ms_per_step']:.2g} ms a step, {1e3 * mine['rmsd_all']:.3g} mm off; {1e3 * idle['rmsd_all']:.3g} mm if nothing moved")
+assert mine["ms_per_step"] > 0 and mine["rmsd_all"] < 0.05 * idle["rmsd_all"]

@@ -5,6 +5,7 @@ A room imports what stands above it in this list, never below:
     segments/     how a mesh is cut, and how good the cut is
     graphs/       what a network sees of a frame
     networks/     what predicts
+    devices       where networks run
     config, keys  what a training is asked for, and how that is told
     samples/      a frame of a trajectory as input and target, noise and scales included
     slender/      beams: theory, and a network for what it leaves over, all poses of a path at once
@@ -22,11 +23,11 @@ from importlib import import_module
 from typing import Any
 
 _PUBLIC = {
-    "M4GN": "networks.m4gn", "Model": "prediction.checkpoint", "TrainConfig": "config", "compare": "report.compare",
-    "evaluate": "report.evaluate",
+    "Frames": "samples.frames", "M4GN": "networks.m4gn", "Model": "prediction.checkpoint", "TrainConfig": "config",
+    "collate": "samples.frames", "compare": "report.compare", "evaluate": "report.evaluate",
     "gradient": "prediction.gradient", "load_config": "config", "load_model": "prediction.checkpoint", "rollout": "prediction.rollout",
     "segment": "segments.cut", "segment_quality": "segments.quality", "sweep": "prediction.sweep",
-    "train": "training.kinds",
+    "to_pyg": "samples.frames", "train": "training.kinds",
 }
 __all__ = sorted(_PUBLIC)
 

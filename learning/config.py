@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from learning.networks.kinds import CONFIGS, NetworkConfig
 from learning.networks.m4gn import M4GNConfig
 from learning.networks.sections import SectionsConfig
 from learning.networks.shapes import ShapesConfig
 from learning.segments.features import METHODS, MODES
-from physics.schema import InputError, nearest, quantity, read_table, read_toml
+from physics.schema import InputError, nearest, quantity, read_table, read_toml, shown
 
 SCHEMES = ("step", "pose")
 
@@ -26,7 +27,7 @@ class TrainConfig:
     history: 1 to show the last velocity too
     estimate: correct an estimate of the reduced-order model rather than predict from nothing
     frames: that are learned from in each trajectory, evenly spaced; all by default
-    segments: how many; "auto" picks the number for each body by its silhouette
+    segments: how many, for networks that see them; "auto" picks the number for each body by its silhouette
     method: how segments are cut
     tau: weight of place against obstacle and modes in the cut
     modes: which modes the cut looks at
@@ -54,7 +55,7 @@ class TrainConfig:
     modes: str = quantity("elastic", choice=MODES)
     mode_count: int = quantity(1, at_least=1, at_most=100)
     overlap: int = quantity(0, at_least=0, at_most=1)
-    network: M4GNConfig = field(default_factory=M4GNConfig)
+    network: NetworkConfig = field(default_factory=M4GNConfig)
     contact_radius: float = quantity(0.002, unit="m", above=0)
     noise: float = quantity(1e-4, unit="m", at_least=0)
     batch_size: int = quantity(8, at_least=1, at_most=10_000)
@@ -67,10 +68,13 @@ class TrainConfig:
     seed: int = quantity(0, at_least=0)
 
     def __post_init__(self) -> None:
-        """Raises `InputError` for a history beside something that replaces it."""
+        """Raises `InputError` for a history beside something that replaces it, and for overlap that the network cannot do with."""
         if self.history and (self.scheme == "pose" or self.estimate):
             raise InputError('history = 1: goes with scheme = "step" without an estimate; a pose has no past, and an estimate '
                              "tells the velocity")
+        if self.overlap and not self.network.wants.overlap:
+            raise InputError(f'overlap = 1: goes with a network that takes overlapping segments, [network] kind = "m4gn", '
+                             f'not "{self.network.kind}"')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,13 +135,12 @@ def load_config(path: str | Path) -> TrainConfig | PosesConfig:
     """A config from a TOML file, of the kind that its network is. Raises `InputError` in one line when anything about it is wrong."""
     table = read_toml(path)
     network = table.get("network")
-    kind: type[TrainConfig] | type[PosesConfig] = TrainConfig
-    if isinstance(network, dict) and "kind" in network:
-        named = network["kind"]
-        if named not in KINDS:
-            raise InputError(f"{path}: network.kind = {named!r}: must be one of {', '.join(KINDS)}{nearest(str(named), KINDS)}")
-        kind = KINDS[named]
+    kind = network.get("kind", "m4gn") if isinstance(network, dict) else "m4gn"
+    known = (*CONFIGS, *KINDS)
+    if kind not in known:
+        raise InputError(f"{path}: network.kind = {shown(kind)}: must be one of {', '.join(known)}{nearest(str(kind), known)}")
+    config: type[TrainConfig] | type[PosesConfig] = KINDS.get(kind, TrainConfig)
     try:
-        return read_table(kind, table)
+        return read_table(config, table)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

@@ -1,17 +1,22 @@
 """The keys of a training's config, as its dataclass and their docstrings tell them: for `train --help` and for the table of the docs.
 
-    .venv/bin/python -m learning.keys      the table
+    .venv/bin/python -m learning.keys               the table
+    .venv/bin/python -m learning.keys networks      that of the kinds of networks beside M4GN
 """
 
 from __future__ import annotations
 
 import dataclasses
 import re
+import sys
 import typing
 from dataclasses import MISSING, dataclass
 from typing import Any
 
 from learning.config import TrainConfig
+from learning.networks.kinds import CONFIGS
+
+HEADS = "key", "default", "limits", "what it is"
 
 
 @dataclass(frozen=True)
@@ -29,24 +34,52 @@ def keys(kind: type[Any] = TrainConfig, where: str = "") -> list[Key]:
     about, found = _about(kind), []
     hints = typing.get_type_hints(kind)
     for field in dataclasses.fields(kind):
-        if dataclasses.is_dataclass(hints[field.name]):
-            found += keys(typing.cast(type[Any], hints[field.name]), f"{where}{field.name}.")
+        kinds = [each for each in (hints[field.name], *typing.get_args(hints[field.name])) if dataclasses.is_dataclass(each)]
+        if kinds:  # of several, the one that stands for a table without a kind
+            found += keys(typing.cast(type[Any], kinds[0]), f"{where}{field.name}.")
             continue
         default = "needed" if field.default is MISSING else "none" if field.default is None else _toml(field.default)
         found.append(Key(where + field.name, default, _limits(field.metadata.get("bound")), about.get(field.name, "")))
     return found
 
 
+def others() -> dict[str, list[Key]]:
+    """The keys of `[network]` for every kind but the first, `kind` itself left out, under what the kind is."""
+    return {f"{kind}: {_first(config).split(': ', 1)[1]}": [key for key in keys(config, "network.") if key.name != "network.kind"]
+            for kind, config in list(CONFIGS.items())[1:]}
+
+
 def help_text() -> str:
     """The keys for a terminal, a line each."""
-    lines = [f"  {key.name:26s} {key.default:14s} {key.meaning} ({key.limits})" for key in keys()]
-    return "\n".join(["keys of the config (TOML), their defaults, what they are:", *lines])
+    def lines(some: list[Key]) -> list[str]:
+        return [f"  {key.name:26s} {key.default:14s} {key.meaning} ({key.limits})" for key in some]
+
+    rest = [line for kind, some in others().items() for line in ("", f"  network.kind = {kind}", *lines(some))]
+    return "\n".join(["keys of the config (TOML), their defaults, what they are:", *lines(keys()), *rest])
 
 
 def table() -> str:
     """The keys as a table of a page."""
-    rows = [f"| `{key.name}` | {key.default} | {key.limits} | {key.meaning} |".replace("  ", " ") for key in keys()]
-    return "\n".join(["| key | default | limits | what it is |", "| --- | --- | --- | --- |", *rows])
+    return "\n".join([_row(*HEADS), _row(*["---"] * 4), *(_row(*_entries(key)) for key in keys())])
+
+
+def network_table() -> str:
+    """Those of the other kinds of networks."""
+    rows = [_row(f'"{kind.split(":")[0]}"', *_entries(key)) for kind, some in others().items() for key in some]
+    return "\n".join([_row("kind", *HEADS), _row(*["---"] * 5), *rows])
+
+
+def _entries(key: Key) -> tuple[str, ...]:
+    return f"`{key.name}`", key.default, key.limits, key.meaning
+
+
+def _row(*entries: str) -> str:
+    return f"| {' | '.join(entries)} |".replace("  ", " ")
+
+
+def _first(kind: type[Any]) -> str:
+    """The first sentence of a docstring."""
+    return (kind.__doc__ or "").split("\n")[0].split(". ")[0].rstrip(".")
 
 
 def _about(kind: type[Any]) -> dict[str, str]:
@@ -73,4 +106,4 @@ def _limits(bound: Any) -> str:
 
 
 if __name__ == "__main__":
-    print(table())
+    print(network_table() if sys.argv[1:] == ["networks"] else table())

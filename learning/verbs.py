@@ -49,6 +49,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add("--steps", type=positive, help="stop after this training step")
     add("--seconds", type=seconds, metavar="S", help="of training, in place of the config's budget_seconds")
     add("--resume", action="store_true", help="go on from the run's last checkpoint, or begin where there is none")
+    _device(add)
     add = verb("calibrate", calibrate, "run").add_argument
     add("--data", required=True, help="folder of a data set that the run was not trained on")
     add("--split", default="valid")
@@ -56,6 +57,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add("--out", required=True, help="trajectory, .vtkhdf")
     add("--correct", type=positive, metavar="K",
         help="correct each predicted frame by Newton steps, about one for each of K orders of magnitude, and go on from there")
+    _device(add)
     add = verb("sweep", sweep, "scene").add_argument
     add("--predictor", required=True, metavar="RUN", help="folder of a trained predictor of beams by sections")
     add("--out", required=True, help="results, .h5")
@@ -87,8 +89,13 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
                                                         "reference comes along")
 
 
+def _device(add: Callable[..., Any]) -> None:
+    add("--device", default="cpu", metavar="WHERE", help="where the network runs: cpu, cuda, cuda:1; auto: a GPU where there is one (cpu)")
+
+
 def _own(add: Callable[..., Any]) -> None:
-    """Declare what users bring along."""
+    """Declare what users bring along, and where networks run."""
+    _device(add)
     add("--prediction", nargs="+", action="append", default=[], metavar=("FOLDER", "NAME MS"),
         help="predictions of another program, files named as their truths; on request a name and milliseconds a step")
     add("--predictor", nargs="+", action="append", default=[], metavar=("MODULE:FUNCTION", "NAME"),
@@ -114,10 +121,10 @@ def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
         config = replace(config, budget_seconds=options.seconds)
     out = writable(options.out)
     valid = files(options.data, "valid") if Path(options.data, "valid").is_dir() else []
-    result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume)
+    result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume, device=options.device)
     error = result["best_error"]
     say(f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
-        + (f", best validation error {1e3 * error:.3f} mm (RMSE of whole rollouts over {len(valid)} validation "
+        + (f", best validation error {1e3 * error:.3f} mm (RMSD of whole rollouts over {len(valid)} validation "
            f"trajector{'y' if len(valid) == 1 else 'ies'}, free nodes)" if error is not None else "") + f": {out}")
     return result
 
@@ -146,9 +153,9 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
     from datagen.files.trajectory import read_sound, write_trajectory
     from learning.prediction.checkpoint import load_model
     from learning.prediction.rollout import rollout as run
-    from physics.mesh.quality import rmse
+    from physics.mesh.quality import rmsd
 
-    model = load_model(options.run)
+    model = load_model(options.run, options.device)
     truth = read_truth(options.trajectory) if options.correct else None
     trajectory = truth[0] if truth else read_sound(options.trajectory)
     out = writable(options.out, ".vtkhdf")
@@ -161,9 +168,9 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
     else:
         prediction = run(model, trajectory)
     write_trajectory(out, prediction)
-    error = rmse(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
-    say(f"{len(prediction.displacement) - 1} steps, RMSE over all of them {1e3 * error:.3f} mm: {out}")
-    return {"steps": len(prediction.displacement) - 1, "rmse_all": error, **prediction.extra}
+    error = rmsd(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
+    say(f"{len(prediction.displacement) - 1} steps, RMSD over all of them {1e3 * error:.3f} mm: {out}")
+    return {"steps": len(prediction.displacement) - 1, "rmsd_all": error, **prediction.extra}
 
 
 def sweep(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
@@ -205,7 +212,7 @@ def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any
 
     out = writable(options.out or Path(options.run) / "report")
     return run(options.run, files(options.data, options.split), out, correct=options.correct, refined=options.refined,
-               predictions=options.prediction, functions=options.predictor, say=say)
+               predictions=options.prediction, functions=options.predictor, device=options.device, say=say)
 
 
 def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
@@ -214,5 +221,5 @@ def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
     out = writable(options.out)
     return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
-                   repeats=options.repeats, predictions=options.prediction, functions=options.predictor,
+                   repeats=options.repeats, predictions=options.prediction, functions=options.predictor, device=options.device,
                    only=[kind.strip() for kind in options.only.split(",") if kind.strip()], say=say)

@@ -202,12 +202,24 @@ class Space:
         """A number that may change without compiling the forms again."""
         return fem.Constant(self.domain, PETSc.ScalarType(value))
 
+    def number(self, value: float | Floats) -> Any:
+        """The same, or of a number for each cell of our mesh (C,) a function that is constant in each cell."""
+        if not isinstance(value, np.ndarray):
+            return self.constant(value)
+        with _quiet():
+            V = (fem.FunctionSpace if OLD else fem.functionspace)(self.domain, ("DG", 0))
+            found = fem.Function(V)
+        places = V.dofmap.list.array if OLD else V.dofmap.list.ravel()
+        found.x.array[places] = value[np.asarray(self.domain.topology.original_cell_index)]
+        return found
+
 
 def _lagrange(domain: Any, order: int, components: int) -> Any:
     """dolfinx's space of scalars, or of vectors with a component for each dimension."""
     with _quiet():
         if OLD:
-            return (fem.FunctionSpace if components == 1 else fem.VectorFunctionSpace)(domain, ("Lagrange", order))
+            return fem.FunctionSpace(domain, ("Lagrange", order)) if components == 1 else fem.VectorFunctionSpace(
+                domain, ("Lagrange", order), dim=components)
         return fem.functionspace(domain, ("Lagrange", order) if components == 1 else ("Lagrange", order, (components,)))
 
 
@@ -248,7 +260,7 @@ def matrix(form: Any) -> PETSc.Mat:
     return found
 
 
-def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
+def mass_matrix(space: Space, density: float | Floats, like: PETSc.Mat) -> PETSc.Mat:
     """The consistent mass matrix of a space of vectors, with the sparsity of another matrix of that space.
 
     Each component has the mass matrix of the scalars, which is assembled once and spread: block (i, j) is m_ij times the
@@ -261,7 +273,7 @@ def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
         lists = (V.dofmap.list.array if OLD else V.dofmap.list.ravel() for V in (scalars, space.V))
         if np.array_equal(*lists):
             u, v = ufl.TrialFunction(scalars), ufl.TestFunction(scalars)
-            alone = matrix(space.constant(density) * u * v * dx)
+            alone = matrix(space.number(density) * u * v * dx)
             rows, columns, values = alone.getValuesCSR()
             alone.destroy()
             starts, others, _ = like.getValuesCSR()
@@ -277,7 +289,7 @@ def mass_matrix(space: Space, density: float, like: PETSc.Mat) -> PETSc.Mat:
                 whole.assemble()
                 return whole
     u, v = ufl.TrialFunction(space.V), ufl.TestFunction(space.V)
-    return matrix(space.constant(density) * ufl.inner(u, v) * dx)
+    return matrix(space.number(density) * ufl.inner(u, v) * dx)
 
 
 def release() -> None:

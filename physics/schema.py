@@ -99,7 +99,7 @@ def read_table(kind: type[T], table: Any, where: str = "") -> T:
 
     Args:
         kind: a dataclass whose fields are str, bool, int, float, tuples of them, dataclasses, or one of these | None, or of
-            several of these
+            several of these; of several dataclasses the key `kind` says which one
         table: what `tomllib` returned, or a dictionary in which arrays are lists, tuples or arrays of numpy
         where: the place in the file, as it stands in the messages
 
@@ -173,13 +173,25 @@ def _plain(value: Any) -> Any:
     return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
+def _of_kind(kinds: list[Any], table: dict[str, Any], where: str) -> Any:
+    """Of dataclasses that have a key `kind` each, the one that a table names; the first where it names none."""
+    known: dict[str, Any] = {next(str(field.default) for field in dataclasses.fields(kind) if field.name == "kind"): kind for kind in kinds}
+    named = table.get("kind", next(iter(known)))
+    if not isinstance(named, str) or named not in known:
+        raise InputError(f"{_at(where, 'kind')} = {shown(named)}: must be one of {', '.join(known)}{nearest(str(named), known)}")
+    return known[named]
+
+
 def _value(hint: Any, value: Any, where: str) -> Any:
     """One value converted to an annotated type, or `InputError`."""
     value = _plain(value)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (types.UnionType, typing.Union):
-        tables = (a for a in arguments if isinstance(value, dict) and dataclasses.is_dataclass(a))
-        return _value(next((a for a in arguments if a is type(value)), next(tables, arguments[0])), value, where)
+        tables = [a for a in arguments if isinstance(value, dict) and dataclasses.is_dataclass(a)]
+        if len(tables) > 1:
+            return _value(_of_kind(tables, value, where), value, where)
+        alike = (a for a in arguments if a is type(value) or a in tables or (isinstance(value, list) and typing.get_origin(a) is tuple))
+        return _value(next(alike, arguments[0]), value, where)
     if dataclasses.is_dataclass(hint):
         return read_table(hint, value, where)  # type: ignore[arg-type]
     if origin is tuple:

@@ -26,6 +26,7 @@ from physics.journal import Journal, flatten, unflatten
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
+from physics.modes.locking import said_of_path
 from physics.motion.dynamics import Motion
 from physics.scene import Scene, Steps
 from physics.schema import InputError
@@ -53,6 +54,7 @@ class Solution:
     model: dict[str, str]  # what was modelled, and why
     seconds: float
     set_up: float  # [s] of the processor, before the first step
+    reactions: Floats | None = None  # (T, K, 3) [N] of the body on each of K obstacles; None unless there are several
     kinetic_energy: Floats | None = None  # (T,) [J]; None where inertia is left out
     linear_steps: int = 0  # the first ones, which solve linear elasticity
     resumed: int = 0  # steps that an earlier, unfinished run had reached
@@ -66,6 +68,10 @@ class Solution:
     def smallest_det_f(self) -> Floats:
         """(T,) smallest det F of all cells, as in `mesh.quality.det_f`."""
         return smallest_det_f(self.mesh.points, self.displacement, self.mesh.cells, self.mesh.cell)
+
+    def stiff(self, scene: Scene) -> tuple[str, ...]:
+        """A remark when the cells of its scene are much too stiff for what it does (modes/locking.py)."""
+        return said_of_path(scene, self.mesh, self.displacement, self.energy, self.linear_steps)
 
 
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,

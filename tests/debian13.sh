@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # The tests on a fresh Debian 13, whatever Debian this machine runs.
 #   bash tests/debian13.sh DIR [pytest args]     as root
+#   bash tests/debian13.sh DIR Dockerfile        its steps instead, from a bare checkout in /opt/fidelity, and one scene through its entry
 # DIR becomes the root folder of a minimal system, made once by debootstrap and kept for the next time. The checkout is
 # copied into it, with what git tracks and what it does not ignore, and `./run test` does the rest there.
 # SUITE=bookworm makes it Debian 12; MIRROR names another mirror. This machine's own apt and pip settings hold inside too.
@@ -57,15 +58,30 @@ for word in $(cat "${!settings[@]}" 2>/dev/null | tr '=,' '  ') ${variables[*]#*
     fi
 done
 
-mkdir -p "$system/root/fidelity"
-find "$system/root/fidelity" -mindepth 1 -maxdepth 1 ! -name .venv -exec rm -rf {} +
+place=/root/fidelity
+[[ ${1:-} != Dockerfile ]] || place=/opt/fidelity
+mkdir -p "$system$place"
+find "$system$place" -mindepth 1 -maxdepth 1 ! -name .venv -exec rm -rf {} +
 (cd "$checkout" && git ls-files -z --cached --others --exclude-standard | sort -zu |
     while IFS= read -rd '' file; do [[ ! -e $file ]] || printf '%s\0' "$file"; done |
-    tar --null -T - -c) | tar -x --no-same-owner -C "$system/root/fidelity"
+    tar --null -T - -c) | tar -x --no-same-owner -C "$system$place"
 
 inside() { chroot "$system" /usr/bin/env -i HOME=/root LANG=C.UTF-8 PATH=/usr/sbin:/usr/bin:/sbin:/bin "${variables[@]}" "$@"; }
 # shellcheck disable=SC2016
 name=$(inside sh -c '. /etc/os-release; echo "$PRETTY_NAME"')
 inside dpkg --configure -a
+if [[ ${1:-} == Dockerfile ]]; then
+    inside sh -ec "$(sed -n 's/^RUN //p' "$checkout/Dockerfile")" || finish "Dockerfile on $name: FAILED" 1
+    mapfile -t entry < <(sed -n 's/^ENTRYPOINT //p' "$checkout/Dockerfile" | grep -o '[^]["," ]*' )
+    mkdir -p "$system/work"
+    cat >"$system/work/bend.toml" <<'END'
+body = { length = 0.3, width = 0.02, height = 0.02, cells = [10, 2, 2] }
+material = { young_modulus = 1e6, poisson_ratio = 0.3 }
+support = [{ where = "x-min" }]
+load = [{ where = "x-max", traction = [0.0, 0.0, -10.0] }]
+END
+    inside sh -ec 'cd /work && exec "$@"' sh "${entry[@]}" simulate bend.toml --out bend.vtkhdf || finish "Dockerfile on $name: FAILED" 1
+    finish "Dockerfile on $name: its steps and its entry passed" 0
+fi
 inside /root/fidelity/run test "$@" || finish "tests on $name: FAILED (exit status $?)" 1
 finish "tests on $name: passed" 0

@@ -140,13 +140,13 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
         return np.sqrt(np.mean(squares))
 
     result = run_json(capsys, "rollout", trained, first, "--out", tmp_path / "p.vtkhdf")
-    assert result["steps"] == 4 and result["rmse_all"] == pytest.approx(apart(tmp_path / "p.vtkhdf"), rel=1e-5)
+    assert result["steps"] == 4 and result["rmsd_all"] == pytest.approx(apart(tmp_path / "p.vtkhdf"), rel=1e-5)
     better = run_json(capsys, "rollout", trained, first, "--out", tmp_path / "c.vtkhdf", "--correct", "3")
-    assert better["rmse_all"] < 0.01 * result["rmse_all"]  # however little the network has learned
+    assert better["rmsd_all"] < 0.01 * result["rmsd_all"]  # however little the network has learned
     verified = run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first, "--out", tmp_path / "verified")
-    assert verified["rmse_all"] == pytest.approx(result["rmse_all"], rel=1e-5)
-    assert verified["rmse_all"] == pytest.approx(run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first)["rmse_all"])
-    assert {"rmse_1_pooled", "gf_h", "energy_error", "reaction_error", "estimated_error", "worst_step"} <= verified.keys()
+    assert verified["rmsd_all"] == pytest.approx(result["rmsd_all"], rel=1e-5)
+    assert verified["rmsd_all"] == pytest.approx(run_json(capsys, "verify", tmp_path / "p.vtkhdf", "--reference", first)["rmsd_all"])
+    assert {"rmsd_1_all_nodes", "gf_h", "energy_error", "reaction_error", "estimated_error", "worst_step"} <= verified.keys()
     assert (tmp_path / "verified" / "worst.png").stat().st_size > 1000
     result = run_json(capsys, "view", tmp_path / "p.vtkhdf", "--out", tmp_path / "film.gif")
     assert result["pictures"] == 5 and (tmp_path / "film.gif").stat().st_size > 5_000
@@ -154,7 +154,7 @@ def test_the_line_from_family_to_rollout(capsys, tmp_path):
                       "--repeats", "1", "--refined", "0")
     scores = {row["name"]: row["scores"] for row in result["rows"]}
     assert {"M4GN", "M4GN, corrected 10-fold", "M4GN, as the start of Newton", "reduced-order model"} <= scores.keys()
-    assert scores["M4GN"]["rmse_all"] == pytest.approx(apart(tmp_path / "p.vtkhdf"), rel=1e-3)  # float32, on another number of threads
+    assert scores["M4GN"]["rmsd_all"] == pytest.approx(apart(tmp_path / "p.vtkhdf"), rel=1e-3)  # float32, on another number of threads
     assert result["outside"].keys() == {"0000"} and (tmp_path / "pareto" / "table.csv").exists()
     with h5py.File(first, "r+") as file:  # of the last frame a free node
         file["VTKHDF/PointData/displacement"][4 * len(truth.points) + np.flatnonzero(truth.free)[20], 2] += 1e-3

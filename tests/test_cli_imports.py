@@ -113,13 +113,13 @@ def test_a_cloth_is_segmented_trained_and_held_against_its_data_without_equation
     status, out, _ = run(capsys, "verify", "p.vtkhdf", "--reference", truth, "--json")
     found, free = json.loads(out), read_trajectory(truth).free
     off = (read_trajectory("p.vtkhdf").displacement.astype(float) - read_trajectory(truth).displacement)[1:, free]
-    assert status == 0 and found["rmse_all"] == pytest.approx(np.sqrt((off**2).sum(axis=2).mean()), rel=1e-12)
+    assert status == 0 and found["rmsd_all"] == pytest.approx(np.sqrt((off**2).sum(axis=2).mean()), rel=1e-12)
     assert found["relative_residual"] is None and found["smallest_det_f"] is None and found["mc"] is not None
     status, out, _ = run(capsys, "evaluate", "run", "--data", "cloth", "--out", "report", "--json")
     rows = {row["name"]: row for row in json.loads(out)["rows"]}
     assert status == 0 and rows.keys() == {"M4GN", "nothing moves", "keep the last velocity", "quadratic extrapolation"}
     moved = np.linalg.norm(read_trajectory(truth).displacement[1:, free].astype(float), axis=2)
-    assert rows["nothing moves"]["scores"]["rmse_all"] == pytest.approx(np.sqrt((moved**2).mean()), rel=1e-9)
+    assert rows["nothing moves"]["scores"]["rmsd_all"] == pytest.approx(np.sqrt((moved**2).mean()), rel=1e-9)
     refused(capsys, "holds no scene", "rollout", "run", truth, "--out", "c.vtkhdf", "--correct", "1")
 
 

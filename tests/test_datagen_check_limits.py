@@ -166,7 +166,7 @@ class Formulas:
             Formulas.checked[-1].append(step)
         first = self.seen.setdefault(step, u.copy())
         change = abs(u - first).sum()
-        return Frame(self.residual, np.array([0, 0, 60 + 2 * change]), self.energy + 0.25 * change)
+        return Frame(self.residual, np.array([[0, 0, 60 + 2 * change]]), self.energy + 0.25 * change)
 
 
 @pytest.fixture

@@ -17,6 +17,8 @@ from datagen.sets import dataset
 from datagen.sets.check import against_scene, check
 from datagen.sets.generate import trajectory_of
 from datagen.sets.pack import pack, unpack
+from physics.body.stress import nodal_stress
+from physics.scene import Scene
 from physics.solution import solve
 from tests.scenes import beam, pressed
 
@@ -96,6 +98,29 @@ def test_stress_is_zero_on_the_obstacle_and_outlives_check_pack_and_unpack(tmp_p
     read = read_trajectory(tmp_path / "again/train/0000.vtkhdf")
     for name, field in made.fields.items():
         assert np.array_equal(read.fields[name], field)
+
+
+def test_a_set_is_made_with_stress_and_its_stress_is_that_of_its_displacements(tmp_path, family, capsys):
+    """The set without it has the same motion; asked for again with stress, its files are made anew, and not a second time."""
+    (tmp_path / "family.toml").write_text(family.text)
+    words = ["generate", str(tmp_path / "family.toml"), "--out", str(tmp_path / "set"), "--count", "1", "--split", "test", "--workers", "1"]
+    assert fidelity.main(words) == 0
+    path = tmp_path / "set/test/0000.vtkhdf"
+    plain = read_trajectory(path)
+    for new in (1, 0):
+        assert fidelity.main([*words, "--fields", "stress", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out.splitlines()[-1])["new"] == new
+    asked = read_trajectory(path)
+    assert not plain.fields and np.array_equal(plain.displacement, asked.displacement)
+    scene, mesh = Scene.from_toml(asked.scene), asked.mesh
+    for t in (2, 6):
+        sigma = nodal_stress(mesh, asked.displacement[t, asked.body].astype(float), scene.material)
+        stored = asked.fields["stress"][t, asked.body]
+        assert abs(stored - sigma[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]).max() < 1e-3 * abs(sigma).max()
+    assert check(tmp_path / "set") == [] and not asked.fields["von_mises"][:, ~asked.body].any()
+    for name, wrong in (("stress", 1.001), ("von_mises", 0.999)):
+        other = replace(asked, fields=asked.fields | {name: asked.fields[name] * np.float32(wrong)})
+        assert "stress at step" in against_scene(other)[0]
 
 
 def test_another_field_is_refused(pulled, capsys):

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from datagen.family.place import placed, reach
+from datagen.family.family import draw, load_family
+from datagen.family.place import placed, placed_on, reach
+from physics.mesh.files import write_mesh
+from physics.mesh.shapes.boxes import box
 from physics.scene import PLACES, read_scene
 from physics.schema import InputError
 
@@ -110,3 +113,35 @@ def test_what_else_the_obstacle_says_is_kept():
     found = placed(given)
     assert {name: found[name] for name in found if name != "path"} == {"shape": "sphere", "radius": 0.02, "contact": "nodes"}
     assert "place" in given["obstacle"]  # the table itself is not changed
+
+
+FAMILY = """
+body = {{ shape = "file", path = "part.vtk", scale = 0.001 }}
+material = {{ young_modulus = 1e6, poisson_ratio = 0.3 }}
+support = [{{ where = {{ plane = [-0.1, 0, 0], normal = [1, 0, 0], within = 1e-6 }} }}]
+steps = {{ count = 2 }}
+[obstacle]
+shape = "sphere"
+radius = 0.07
+place = {{ face = "{face}", along = 0.3, across = 0.8, gap = 0.004, depth = 0.1, depth_in = "width", direction = [40, -25] }}
+"""
+
+
+@pytest.mark.parametrize("face", PLACES)
+def test_the_faces_of_a_body_from_a_file_are_those_of_the_box_around_it(tmp_path, face):
+    """A box in millimetres that begins at (-100, 20, 7): the path is that on the box at the origin, moved along."""
+    mesh = box(read_scene({name: value for name, value in table({}).items() if name != "obstacle"}).body)
+    write_mesh(tmp_path / "part.vtk", type(mesh)(1e3 * mesh.points + [-100, 20, 7], mesh.cells, mesh.cell, {}), {})
+    (tmp_path / "family.toml").write_text(FAMILY.format(face=face))
+    scene = draw(load_family(tmp_path / "family.toml"), 0, 0)
+    there = by_the_formula(face, 0.3, 0.8, 0.004, 0.03, (40, -25), 0.07)
+    assert np.allclose(scene.obstacle.path, np.array(there) + [-0.1, 0.02, 0.007], rtol=0, atol=1e-12)
+    on = placed_on(scene.body, {"shape": "half-space", "place": {"face": face, "depth": 0.1}})
+    at = (np.array([-0.1, 0.02, 0.007]) + SIDES * face.endswith("max"))["xyz".index(face[0])]
+    assert on.path[0]["xyz".index(face[0])] == pytest.approx(at, abs=1e-12)
+
+
+def test_a_mesh_file_that_is_not_there_is_missed_by_its_name(tmp_path):
+    (tmp_path / "family.toml").write_text(FAMILY.format(face="x-max"))
+    with pytest.raises(InputError, match=r"part\.vtk: no such file$"):
+        load_family(tmp_path / "family.toml")

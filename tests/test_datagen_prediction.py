@@ -76,7 +76,7 @@ def predicted(truth, tmp_path):
 
 def table(error, **changes):
     """Figures of one prediction, all alike but for the error and the changes."""
-    return dict.fromkeys(FIGURES, 0.25) | {"inverted_elements": 0, "worst_step": 2, "rmse_all": error} | changes
+    return dict.fromkeys(FIGURES, 0.25) | {"inverted_elements": 0, "worst_step": 2, "rmsd_all": error} | changes
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_the_bodies_are_compared_prediction_first_and_beside_a_body_at_rest(trut
     files = tmp_path / "p.vtkhdf", tmp_path / "truth.vtkhdf"
     found = verify_files(*files)
     assert found["worst_step"] == 2 and math.isnan(found["effectivity"]) and not asked.pictures
-    assert (found["rmse_all"], found["nothing_moves"]["rmse_all"], found["units"]["gf_c"]) == (1e-3, 8e-3, "m2")
+    assert (found["rmsd_all"], found["nothing_moves"]["rmsd_all"], found["units"]["gf_c"]) == (1e-3, 8e-3, "m2")
     assert found["verdict"] == ("Better than if nothing moved: 1 mm off, 8 times closer; 25 % of the largest reaction is missing to "
                                 "equilibrium, the obstacle is up to 250 mm inside the body, no cell is turned inside out.")
     body = truth.body
@@ -119,7 +119,7 @@ def test_the_bodies_are_compared_prediction_first_and_beside_a_body_at_rest(trut
 def test_every_figure_stands_in_its_unit_beside_that_of_a_body_at_rest(truth, predicted, tmp_path, asked):
     said = lines(verify_files(tmp_path / "p.vtkhdf", tmp_path / "truth.vtkhdf"))
     assert said[0].split() == ["prediction", "nothing", "moves"] and len(said) == 1 + len(FIGURES) + 2
-    assert said[3].split() == ["RMSE-all", "[mm]", "1", "8"] and [line.split() for line in said if "GF_c" in line] == [
+    assert said[3].split() == ["RMSD-all", "[mm]", "1", "8"] and [line.split() for line in said if "GF_c" in line] == [
         ["GF_c", "[mm²]", "2.5e+05", "2.5e+05"]]
     assert [line.split()[-2:] for line in said if line.startswith("effectivity")] == [["–", "–"]]
     assert said[-2].split() == ["farthest", "off", "at", "frame", "2"] and said[-1].startswith("Better than if nothing moved")
@@ -135,12 +135,13 @@ def test_folders_are_held_against_each_other_by_the_names_of_their_files(truth, 
     errors = iter([table(1e-3, largest_penetration=0.5), table(8e-3), table(3e-3, largest_penetration=0.125), table(4e-3)])
     monkeypatch.setattr(prediction, "as_table", lambda found: next(errors))
     found = verify_files(tmp_path / "mine", tmp_path / "data" / "test")
-    assert found["rmse_all"] == 2e-3 and found["nothing_moves"]["rmse_all"] == 6e-3 and found["largest_penetration"] == 0.5
-    assert {name: figures["rmse_all"] for name, figures in found["files"].items()} == {"a": 1e-3, "b": 3e-3} and "worst_step" not in found
-    assert "b: RMSE-all 3 mm, residual 0.25" in lines(found)
+    assert found["rmsd_all"] == 2e-3 and found["nothing_moves"]["rmsd_all"] == 6e-3 and found["largest_penetration"] == 0.5
+    assert {name: figures["rmsd_all"] for name, figures in found["files"].items()} == {"a": 1e-3, "b": 3e-3} and "worst_step" not in found
+    assert "b: RMSD-all 3 mm, residual 0.25" in lines(found)
     for one, other, words in (("mine", "data", "holds several files of the name a.vtkhdf"), ("data", "mine", "holds no file"),
                               ("mine", "truth.vtkhdf", "mine is a folder and .*truth.vtkhdf is not one"),
                               ("truth.vtkhdf", "mine", "mine is a folder and .*truth.vtkhdf is not one"),
+                              ("nowhere", "mine", "nowhere: no such file or folder"), ("mine", "nowhere", "no such file or folder"),
                               ("empty", "mine", "no trajectory files")):
         (tmp_path / "empty").mkdir(exist_ok=True)
         if other == "mine" and one == "data":
@@ -156,6 +157,7 @@ def test_millimetres_and_positions_are_noticed(truth, tmp_path):
     u = truth.displacement[:, truth.body].astype(float)
     rough = u + 2e-4 * np.random.default_rng(0).standard_normal(u.shape)
     assert told(rough) == told(100 * u) == told(1e4 * u) == told(-1e3 * u) == told(0 * u) == told(1e3 * (rough - u)) == ""
+    assert told(299 * u) == told(3000.5 * u) == "" and "millimetres" in told(301 * u) and "millimetres" in told(2999 * u)
     assert "are they in millimetres?" in told(1e3 * rough) and "1e+03 times" in told(1e3 * u)
     assert "positions" in told(rough + truth.points[truth.body])
     write_trajectory(tmp_path / "p.vtkhdf", dataclasses.replace(truth, displacement=1000 * truth.displacement))

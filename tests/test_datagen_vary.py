@@ -49,6 +49,7 @@ def test_a_path_may_vary_by_its_points():
     (["body.length=0.1:0.2"], [], "body.length: is a range, and one body under many obstacles varies in its obstacle alone"),
     ([], ["obstacle.place.turn=0"], "nothing varies"),
     ([], ["case=[{weight=1}]"], "cannot have cases"),
+    (["obstacle[0].radius=0.01:0.02"], ["obstacle=[{shape='sphere', radius=0.01, path=[[0, 0, 1]]}]"], "has one at a time"),
     (["obstacle.place.along=2:3"], [], "obstacle.place.along = 2.* must be at most 1"),
 ])
 def test_what_cannot_be_varied_is_refused_in_one_line(vary, changes, words):

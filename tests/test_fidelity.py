@@ -220,7 +220,8 @@ def solved(monkeypatch, tmp_path):
         smallest_det_f=np.array([1, 0.9, 0.75, 0.8, 0.95]),
         reaction=np.array([[9.0, 0, 0], [0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]]),
         linear_steps=2,
-        mesh=SimpleNamespace(remarks=()),
+        mesh=SimpleNamespace(remarks=("a cell is flat",)),
+        stiff=lambda scene: ("too stiff",),
     )
     monkeypatch.setattr("physics.solution.solve", lambda scene, **how: solution)
     made = SimpleNamespace(extra={"model": {"inertia": "left out"}}, per_frame={"obstacle": np.arange(15.0).reshape(5, 3)})
@@ -238,10 +239,19 @@ def test_a_simulation_is_told_by_its_extremes_and_sums(solved, capsys):
     assert result == {"steps": 4, "ms_per_step": 500.0, "newton_iterations": 11, "factorisations": 6, "largest_relative_residual": 5e-7,
                       "largest_penetration": 3e-5, "smallest_det_f": 0.75, "reaction": [[0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]],
                       "obstacle": np.arange(3.0, 15.0).reshape(4, 3).tolist(),
-                      "model": {"inertia": "left out"}, "linear_steps": 2, "seconds": 2.0, "resumed_after_step": 0, "remarks": []}
+                      "model": {"inertia": "left out"}, "linear_steps": 2, "seconds": 2.0, "resumed_after_step": 0,
+                      "remarks": ["a cell is flat", "too stiff"]}
     assert solved.written == [solved.out] and not solved.part.exists()  # the journal of a whole run is not needed any more
     assert called(capsys, "simulate", solved.scene, "--out", solved.out) == (
-        0, f"4 steps in 2.00 s, 11 Newton steps, 6 factorisations, largest reaction 50.5 N: {solved.out}\n  inertia: left out\n", "")
+        0, f"4 steps in 2.00 s, 11 Newton steps, 6 factorisations, largest reaction 50.5 N: {solved.out}\n  inertia: left out\n"
+        "a cell is flat\ntoo stiff\n", "")
+
+
+def test_motion_beyond_the_numbers_of_a_file_is_told_and_not_written(solved, capsys):
+    solved.solution.displacement[1] = 3.5e38
+    assert called(capsys, "simulate", solved.scene, "--out", solved.out) == (
+        1, "", "fidelity: the body moves by up to 3.5e+38 m, and a file holds numbers up to 3.4e+38; nothing is written\n")
+    assert not solved.written
 
 
 def test_a_simulation_that_fails_says_what_is_kept_and_keeps_its_journal(solved, capsys):
@@ -299,11 +309,11 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
     )
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d") == (0, f"new 3: {tmp_path / 'd'}\n", "")
     assert given == {"all": ("beam", (None, None), tmp_path / "d"), "seed": 0, "workers": None, "cluster": "", "tls": (),
-                     "time_limit": float("inf")}
+                     "time_limit": float("inf"), "stress": False}
     assert called(capsys, "generate", "beam", "--out", tmp_path / "d", "--count", "4", "--split", "test", "--seed", "9", "--workers", "2",
-                  "--cluster", "tls://x", "--tls", "ca", "cert", "key", "--time-limit", "1.5")[0] == 0
+                  "--cluster", "tls://x", "--tls", "ca", "cert", "key", "--time-limit", "1.5", "--fields", "stress")[0] == 0
     assert given == {"all": ("beam", (4, "test"), tmp_path / "d"), "seed": 9, "workers": 2, "cluster": "tls://x",
-                     "tls": ["ca", "cert", "key"], "time_limit": 1.5}
+                     "tls": ["ca", "cert", "key"], "time_limit": 1.5, "stress": True}
     monkeypatch.setattr("datagen.sets.plan.planned",
                         lambda family, wanted, seed: {"count": 3, "nodes": {"mean": 81.5, "min": 60.0}, "of": seed})
     assert called(capsys, "generate", "beam", "--dry-run", "--seed", "5")[1].splitlines() == [
@@ -314,10 +324,10 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
 
 def test_verify_prints_the_lines_of_what_it_found(monkeypatch, capsys, tmp_path):
     given = []
-    monkeypatch.setattr("datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmse_all": 1.25e-4})
-    monkeypatch.setattr("datagen.files.prediction.lines", lambda result: [f"error {result['rmse_all']}", "verdict"])
+    monkeypatch.setattr("datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmsd_all": 1.25e-4})
+    monkeypatch.setattr("datagen.files.prediction.lines", lambda result: [f"error {result['rmsd_all']}", "verdict"])
     assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1] == "error 0.000125\nverdict\n"
-    assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmse_all": 1.25e-4}
+    assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmsd_all": 1.25e-4}
     assert given == [("p", "r", tmp_path / "o"), ("p", "r", None)]
 
 

@@ -75,8 +75,8 @@ def test_elsewhere_run_says_which_command_helps(tmp_path, release, words):
 def test_the_dockerfile_sets_up_by_run_itself_and_names_what_run_names():
     lines = (ROOT / "Dockerfile").read_text().splitlines()
     steps = [line for line in lines if line and not line.startswith("#")]
-    assert [line.split()[0] for line in steps] == ["ARG", "FROM", "COPY", "RUN", "WORKDIR", "ENTRYPOINT"]
-    assert "/opt/fidelity/run --version" in steps[3] and "apt-get" not in steps[3] and "pip install" not in steps[3]
+    assert [line.split()[0] for line in steps] == ["ARG", "FROM", "ARG", "COPY", "RUN", "WORKDIR", "ENTRYPOINT"]
+    assert "/opt/fidelity/run --version" in steps[4] and "apt-get" not in steps[4] and "pip install" not in steps[4]
     told = re.search(r"^container='(.*)'$", (ROOT / "run").read_text(), re.MULTILINE)[1]
     for command in told.split(" && "):
         assert f"#   {command}" in lines

@@ -12,7 +12,7 @@ from physics.schema import InputError, read_table, to_table
 def test_the_defaults_are_those_of_the_paper():
     # Lei et al., appendix "Training Details" and "M4GN Configurations": DeformingBeam
     config = to_table(TrainConfig())
-    network = dict(hidden=128, message_steps=7, transformer_layers=4, heads=8, walk=0, precision="float32")
+    network = dict(kind="m4gn", hidden=128, message_steps=7, transformer_layers=4, heads=8, feed=4, walk=0, precision="float32")
     assert config == dict(
         scheme="step", history=0, estimate=False, segments=19, method="slic-mdod-e", tau=0.5, modes="elastic", mode_count=1, overlap=0,
         network=network, contact_radius=0.002, noise=1e-4, batch_size=8, steps=1_000_000, learning_rate=1e-4, final_learning_rate=1e-6,

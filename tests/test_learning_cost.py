@@ -2,7 +2,7 @@
 
 import math
 
-from learning.report.cost import called, cost_said, paid_back, payback_said
+from learning.report.cost import called, cost_said, counted, payback_said
 from tests.rows import row
 
 
@@ -15,14 +15,14 @@ def some():
 def test_training_and_data_are_paid_back_by_what_each_scene_saves():
     """60 s and 3000 s; a scene saves 3.5 - 0.5 = 3 s: after 1020 scenes."""
     headers = {"fast": {"seconds": 60.0, "data_seconds": 3000.0}, "slow": {"seconds": 1.0, "data_seconds": 1.0}, "old": {"seconds": 60.0}}
-    found = {each.name: each.scores["paid_back"] for each in paid_back(some(), headers)}
+    found = {each.name: each.scores["paid_back"] for each in counted(some(), headers)}
     assert found["fast"] == 1020 and found["slow"] == math.inf
     assert math.isnan(found["old"]) and math.isnan(found["FE, coarse"]) and math.isnan(found["FE, the reference"])
-    assert paid_back(some(), {"fast": {"seconds": 60.0, "data_seconds": 3000.5}})[0].scores["paid_back"] == 1021
+    assert counted(some(), {"fast": {"seconds": 60.0, "data_seconds": 3000.5}})[0].scores["paid_back"] == 1021
 
 
-def test_without_a_reference_nothing_is_paid_back():
-    assert math.isnan(paid_back(some()[:1], {"fast": {"seconds": 60.0, "data_seconds": 3000.0}})[0].scores["paid_back"])
+def test_without_a_reference_nothing_is_counted():
+    assert math.isnan(counted(some()[:1], {"fast": {"seconds": 60.0, "data_seconds": 3000.0}})[0].scores["paid_back"])
 
 
 def test_predictors_are_called_after_their_kind_and_where_there_are_several_after_their_folder():
@@ -40,5 +40,5 @@ def test_what_it_took_is_said_where_it_is_known():
 
 def test_only_what_is_ever_paid_back_is_told_so():
     headers = {"fast": {"seconds": 60.0, "data_seconds": 3000.0}, "slow": {"seconds": 1.0, "data_seconds": 1.0}}
-    said, = payback_said(paid_back(some(), headers))
+    said, = payback_said(counted(some(), headers))
     assert said.startswith("fast has paid back") and "after 1020 scenes" in said

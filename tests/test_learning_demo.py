@@ -96,7 +96,7 @@ def test_the_training_is_as_long_as_asked_for_and_its_error_is_in_mm(small):
 
 def test_the_report_is_of_the_test_beams_and_holds_every_rival(small):
     assert small.result["cases"] == ["0000"] and small.result["report"] == str(small.folder / "report")
-    rows = {row["name"]: row["scores"]["rmse_all"] for row in small.result["rows"]}
+    rows = {row["name"]: row["scores"]["rmsd_all"] for row in small.result["rows"]}
     assert 0 < rows["FE, cells halved"] < rows["FE, cells halved twice"] < rows["nothing moves"]
     assert rows["M4GN, corrected 10-fold"] < rows["M4GN"]
     assert f"All of it took {small.result['seconds']:.0f} s. Open {small.folder / 'report' / 'report.html'}" in small.text
@@ -205,6 +205,6 @@ def test_some_hundred_steps_on_the_familys_own_beams_already_beat_that_nothing_m
     said: list[str] = []
     result = demo.run(tmp_path / "demo", say=said.append, training_steps=800)
     assert "12 trajectories" in "\n".join(said)
-    rows = {row["name"]: row["scores"]["rmse_all"] for row in result["rows"]}
+    rows = {row["name"]: row["scores"]["rmsd_all"] for row in result["rows"]}
     assert rows["M4GN"] < rows["nothing moves"]
     assert 0 < rows["FE, cells halved"] < rows["FE, cells halved twice"]

@@ -23,7 +23,7 @@ def test_only_what_differs_is_told_also_within_tables_and_of_keys_that_one_lacks
 def test_a_difference_is_held_against_two_standard_errors_of_itself():
     """Differences 0.1, -0.05 and 0.55 mm: mean 0.2, sample deviation sqrt((0.01 + 0.0625 + 0.1225) / 2) = 0.3122, 2 s / sqrt(3) = 0.361."""
     said, = spread_said(rows())
-    assert "M4GN a is 0.2 mm farther off than M4GN b (RMSE-all), on 3 trajectories; the spread of that mean is 0.361 mm" in said
+    assert "M4GN a is 0.2 mm farther off than M4GN b (RMSD-all), on 3 trajectories; the spread of that mean is 0.361 mm" in said
     assert "within the spread" in said and "seed" not in said
     # 0.5, 0.7, 0.6: mean 0.6, deviation 0.1, spread 0.115
     far = [row("a", "foreign", 1.0, 8e-4, (6e-4, 9e-4, 9e-4)), row("b", "learned", 1.0, 2e-4, (1e-4, 2e-4, 3e-4))]
@@ -31,7 +31,7 @@ def test_a_difference_is_held_against_two_standard_errors_of_itself():
     assert "a is 0.6 mm farther off than b" in said and "0.115 mm" in said
     assert "beyond the spread" in said and "nothing but their seed" in said
     one = [row("a", "learned", 1.0, 8e-4, (8e-4,)), row("b", "learned", 1.0, 2e-4, (2e-4,))]
-    assert spread_said(one) == ["a is 0.6 mm farther off than b (RMSE-all); one trajectory does not say whether that is more than chance."]
+    assert spread_said(one) == ["a is 0.6 mm farther off than b (RMSD-all); one trajectory does not say whether that is more than chance."]
     assert spread_said(rows()[1:]) == [] and spread_said(rows()[2:]) == []
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datagen.files.inputs import predicted
 from datagen.files.trajectory import write_trajectory
 from datagen.sets.generate import trajectory_of
 from learning.config import TrainConfig
@@ -14,7 +15,7 @@ from learning.networks.m4gn import M4GNConfig
 from learning.prediction.rivals import REFERENCE, between, coarser, keep_acceleration, keep_velocity, nothing_moves
 from learning.report.evaluate import evaluate
 from learning.training.train import train
-from physics.mesh.quality import rmse
+from physics.mesh.quality import rmsd
 from physics.schema import InputError
 from tests.scenes import pressed
 
@@ -46,8 +47,8 @@ def test_keep_velocity_sees_two_frames_only():
 def test_nothing_moves_has_the_error_of_the_motion_itself():
     truth = straight()
     path, steps = nothing_moves(truth, FREE)
-    assert rmse(path, truth, FREE) == pytest.approx(np.sqrt(np.mean(np.sum(truth[:, FREE] ** 2, axis=2))))
-    assert rmse(steps, truth[1:], FREE) == pytest.approx(np.sqrt((14 + 1.25) / 2))
+    assert rmsd(path, truth, FREE) == pytest.approx(np.sqrt(np.mean(np.sum(truth[:, FREE] ** 2, axis=2))))
+    assert rmsd(steps, truth[1:], FREE) == pytest.approx(np.sqrt((14 + 1.25) / 2))
     np.testing.assert_array_equal(path[:, 2], truth[:, 2])
     np.testing.assert_array_equal(steps[:, 2], truth[1:, 2])
 
@@ -87,30 +88,39 @@ def small_config() -> TrainConfig:
 
 def test_evaluate_writes_the_whole_folder(tmp_path):
     file = tmp_path / "beam.vtkhdf"
-    write_trajectory(file, trajectory_of(pressed()))
+    trajectory = trajectory_of(pressed())
+    write_trajectory(file, trajectory)
     train(small_config(), [file], [file], tmp_path / "run")
+    (tmp_path / "mine").mkdir()
+    short = np.where(trajectory.free[:, None], np.float32(0.9) * trajectory.displacement, trajectory.displacement)
+    write_trajectory(tmp_path / "mine" / "beam.vtkhdf", predicted(trajectory, short[:, trajectory.body]))
     said: list[str] = []
-    result = evaluate(tmp_path / "run", [file], tmp_path / "report", say=said.append)
+    result = evaluate(tmp_path / "run", [file], tmp_path / "report", predictions=[[str(tmp_path / "mine"), "a tenth short", "2"]],
+                      say=said.append)
     names = {path.name for path in (tmp_path / "report").iterdir()}
     assert names == {"report.html", "report.md", "report.json", "table.csv", "pareto.png", "frame_beam.png"}
     rows = {row["name"]: row["scores"] for row in result["rows"]}
     coarse = ["FE, cells halved", "FE, cells halved twice"]
-    assert list(rows) == ["M4GN", "M4GN, corrected 10-fold", "nothing moves", "keep the last velocity", "quadratic extrapolation",
-                          *coarse, REFERENCE]
-    assert rows[REFERENCE]["rmse_all"] == 0
+    assert list(rows) == ["a tenth short", "M4GN", "M4GN, corrected 10-fold", "nothing moves", "keep the last velocity",
+                          "quadratic extrapolation", *coarse, REFERENCE]
+    assert rows[REFERENCE]["rmsd_all"] == 0
+    # A file of another program: a tenth of the motion is missing, in the time that was given.
+    assert rows["a tenth short"]["rmsd_all"] == pytest.approx(0.1 * rows["nothing moves"]["rmsd_all"], rel=1e-4)
+    assert rows["a tenth short"]["ms_per_step"] == pytest.approx(2)
+    assert "a tenth short" in (tmp_path / "report" / "report.md").read_text()
     assert rows[REFERENCE]["relative_residual"] < 1e-3  # of the 32-bit numbers in the file
-    errors = [rows[name]["rmse_all"] for name in (*coarse, "nothing moves")]
+    errors = [rows[name]["rmsd_all"] for name in (*coarse, "nothing moves")]
     assert 0 < errors[0] < errors[1] < errors[2]
-    assert rows["keep the last velocity"]["rmse_1"] < rows["nothing moves"]["rmse_1"]
+    assert rows["keep the last velocity"]["rmsd_1"] < rows["nothing moves"]["rmsd_1"]
     # A prediction that is the data has the data's own error to the finer solution.
-    assert 0 < rows[REFERENCE]["rmse_refined"] < rows["FE, cells halved"]["rmse_refined"]
+    assert 0 < rows[REFERENCE]["rmsd_refined"] < rows["FE, cells halved"]["rmsd_refined"]
     assert rows[REFERENCE]["below_data"] == 1 and rows["nothing moves"]["below_data"] < 0.2
     assert all(row["seconds"] == pytest.approx(0.02 * row["ms_per_step"]) for row in rows.values())
     assert rows["M4GN"]["set_up_seconds"] > 0 and rows["M4GN, corrected 10-fold"]["iterations"] <= 2
-    assert rows["M4GN, corrected 10-fold"]["rmse_all"] < 0.1 * rows["M4GN"]["rmse_all"]  # as its name says
+    assert rows["M4GN, corrected 10-fold"]["rmsd_all"] < 0.1 * rows["M4GN"]["rmsd_all"]  # as its name says
     assert result["outside"] == {"beam": {}} and result["far_outside"] == []
     assert result["report"] == str(tmp_path / "report")
-    assert any("RMSE-all" in line for line in said)
+    assert any("RMSD-all" in line for line in said)
     json.dumps(result, allow_nan=False)
 
 

@@ -46,7 +46,7 @@ def test_the_worst_frames_of_the_five_worst_trajectories_of_the_best_network_are
     pictures = module._pictures(tmp_path, Measurement(rows=rows(), frames=frames))
     assert [name for name, _ in pictures] == [f"frame_000{i}.png" for i in (1, 4, 3, 6, 0)]
     assert pictures[0][1].startswith(
-        "Test trajectory 0001, RMSE-all 0.7 mm, at step 3 of 10, where the rollout is farthest from the truth."
+        "Test trajectory 0001, RMSD-all 0.7 mm, at step 3 of 10, where the rollout is farthest from the truth."
     )
     assert len(drawn) == 5
     for i, (path, mesh, how) in zip((1, 4, 3, 6, 0), drawn, strict=True):
@@ -135,9 +135,9 @@ def test_how_far_outside_is_told_by_the_first_run_that_knows_its_ranges(measured
 
 
 def test_the_summary_is_in_mm_with_a_dash_for_what_is_missing():
-    some = [row("M4GN", "learned", 12.3456, 4e-4, rmse_1=2.5e-6, rmse_50=3e-5, rmse_refined=6.5e-3), row("FE", "fe", 0.5, 1.0)]
+    some = [row("M4GN", "learned", 12.3456, 4e-4, rmsd_1=2.5e-6, rmsd_50=3e-5, rmsd_refined=6.5e-3), row("FE", "fe", 0.5, 1.0)]
     assert module.summary(some) == [
-        " " * 37 + "  ms/step    RMSE-1   RMSE-50  RMSE-all  to finer  [mm, free nodes]",
+        " " * 37 + "  ms/step    RMSD-1   RMSD-50  RMSD-all  to finer  [mm, free nodes]",
         "M4GN" + " " * 33 + "     12.3    0.0025      0.03       0.4       6.5",
         "FE" + " " * 35 + "      0.5         –         –      1000         –"]
 
@@ -215,8 +215,8 @@ def finer(each: tuple[float, ...]):
     """The rows with errors to finer cells: the reference 0.3 mm, M4GN a 0.45 and corrected 0.36."""
     some = rows()
     for i, error, below in ((0, 4.5e-4, 0.125), (1, 5e-4, 0.25), (2, 3.6e-4, 0.75), (5, 3e-4, 1.0)):
-        some[i] = replace(some[i], scores=some[i].scores | {"rmse_refined": error, "below_data": below},
-                          each=tuple({"rmse_refined": value} for value in each))
+        some[i] = replace(some[i], scores=some[i].scores | {"rmsd_refined": error, "below_data": below},
+                          each=tuple({"rmsd_refined": value} for value in each))
     return some
 
 
@@ -271,12 +271,39 @@ def test_what_newton_steps_make_of_a_network_is_told_by_factor_and_time():
     assert [words for words in limits(Measurement(rows=some)) if "a factor of 4" in words] == module._of_correction(some)[:1]
 
 
+def test_where_a_predictor_does_not_know_is_told_by_the_share_of_its_frames_and_how_far_off_it_is_elsewhere():
+    """Of three trajectories with errors 0.2, 0.3 and 0.7 mm it is unsure in none, a quarter and all of the frames."""
+    cases, nan = [case("0"), case("1"), case("2")], math.nan
+
+    def told(*shares):
+        one = rows()[0]
+        one = replace(one, each=tuple(each | {"unsure": share} for each, share in zip(one.each, shares, strict=True)))
+        return module._of_doubt([one, rows()[1]], cases)
+
+    assert told(0.0, 0.25, 1.0) == ["M4GN a says that it does not know: 1 (25 % of the frames), 2 (100 % of the frames). In the other 1 "
+                                    "trajectories it is 0.2 mm off at most."]
+    assert told(0.0, 0.0, 0.0) == ["M4GN a says that it does not know: none of them. In the other 3 trajectories it is 0.7 mm off at most."]
+    assert told(0.5, 0.25, 1.0) == ["M4GN a says that it does not know: 0 (50 % of the frames), 1 (25 % of the frames), 2 (100 % of the "
+                                    "frames)."]
+    assert told(nan, 0.25, nan) == ["M4GN a says that it does not know: 1 (25 % of the frames). In the other 2 trajectories it is 0.7 mm "
+                                    "off at most."]
+    assert told(nan, nan, nan) == []
+
+
+def test_of_data_without_a_scene_no_equations_are_spoken_of():
+    plain = Case("0", bending(steps=10), None, case("0").mesh)
+    assert module._material(plain) == "not known" and module._material(case("0")).startswith("neo-hookean (E = 1e+06 Pa")
+    told = module._facts({}, [plain], Measurement(), 1)["truth"]
+    assert told.startswith("the files: they hold no scene") and module._facts({}, [case("0")], Measurement(), 1)["truth"].startswith(
+        "first-order prisms, neo-hookean; solved again here, it differs from the files by 0.0e+00 mm at most")
+
+
 # the list of predictors
 
 def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_path):
     given = {}
     model = SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN")
-    monkeypatch.setattr(module, "load_model", lambda run: model)
+    monkeypatch.setattr(module, "load_model", lambda run, device: model)
     one = SimpleNamespace(known="scene")
     monkeypatch.setattr(module, "load_cases", lambda files: [one for _ in files])
     monkeypatch.setattr(
@@ -297,7 +324,8 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
 
 def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
     halvings = {}
-    monkeypatch.setattr(module, "load_model", lambda run: SimpleNamespace(config=SimpleNamespace(estimate=False), title="M4GN"))
+    monkeypatch.setattr(module, "load_model", lambda run, device: SimpleNamespace(
+        config=SimpleNamespace(estimate=False), title="M4GN"))
     monkeypatch.setattr(module, "load_cases", lambda files: [SimpleNamespace(known="scene")])
     monkeypatch.setattr(module, "report_on", lambda *given, **how: {})
     monkeypatch.setattr(module, "elements", lambda name, **how: halvings.update({name: how}))

@@ -74,6 +74,9 @@ def halves(inputs):
 def short(inputs):
     return np.zeros((2, 3))
 
+def words(inputs):
+    return [["a", 1], [2]]
+
 def hole(inputs):
     return np.full((inputs.frames, len(inputs.points), 3), np.nan)
 
@@ -112,10 +115,12 @@ def test_a_function_that_is_not_there_is_refused(module, given, words):
 
 
 def test_a_function_that_fails_says_where_in_one_line(case, module):
-    with pytest.raises(RuntimeError, match=r"^bad on a: KeyError: 'weights' \(brought.py, line 14\)$"):
+    with pytest.raises(RuntimeError, match=r"^bad on a: KeyError: 'weights' \(brought.py, line 17\)$"):
         from_function(["brought:bad"])[0].predict(case)
-    with pytest.raises(InputError, match=r"short gives shape \(2, 3\) for a: must be \(6, 45, 3\)"):
+    with pytest.raises(InputError, match=r"^short on a: displacement has shape \(2, 3\): must be \(6, 45, 3\), frames"):
         from_function(["brought:short"])[0].predict(case)
+    with pytest.raises(InputError, match="^words on a: displacement is no array of numbers: "):
+        from_function(["brought:words"])[0].predict(case)
     with pytest.raises(LeftOut, match="not finite"):
         from_function(["brought:hole"])[0].predict(case)
     with pytest.raises(InputError, match="millimetres"):
@@ -146,8 +151,8 @@ def test_what_is_brought_along_stands_on_the_picture_and_in_the_sentence(tmp_pat
     rows = {row["name"]: row for row in result["rows"]}
     assert [row["kind"] for row in rows.values()] == ["foreign"] * 3 + ["trivial"] * 3 + ["reference"]
     assert rows["timed"]["scores"]["ms_per_step"] == pytest.approx(2) and rows["untimed"]["scores"]["ms_per_step"] is None
-    assert rows["sinking"]["scores"]["rmse_all"] == pytest.approx(rows["timed"]["scores"]["rmse_all"], rel=1e-5)
-    assert rows["sinking"]["scores"]["ms_per_step"] > 0 and rows["sinking"]["scores"]["rmse_1"] is None
+    assert rows["sinking"]["scores"]["rmsd_all"] == pytest.approx(rows["timed"]["scores"]["rmsd_all"], rel=1e-5)
+    assert rows["sinking"]["scores"]["ms_per_step"] > 0 and rows["sinking"]["scores"]["rmsd_1"] is None
     assert "given, not measured here" in result["facts"]["timed"] and "puts a free node" in result["summary"]
     with pytest.raises(InputError, match="two predictors are called 'nothing moves'"):
         compare(tmp_path / "press.toml", [], tmp_path / "report", only=["trivial"], predictions=[[str(tmp_path / "mine"), "nothing moves"]])

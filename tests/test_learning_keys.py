@@ -5,7 +5,8 @@ import tomllib
 
 import fidelity
 from learning.config import TrainConfig
-from learning.keys import Key, help_text, keys, table
+from learning.keys import Key, help_text, keys, network_table, others, table
+from learning.networks.kinds import CONFIGS
 from physics.schema import quantity, read_table, to_table
 from tests.pages import ROOT
 
@@ -52,7 +53,17 @@ def test_every_key_of_a_training_is_explained_and_its_default_is_what_a_config_w
 
 
 def test_the_table_of_the_docs_is_the_one_that_is_made():
-    assert table() in (ROOT / "docs" / "network.md").read_text()
+    page = (ROOT / "docs" / "network.md").read_text()
+    assert table() in page and network_table() in page
+
+
+def test_every_key_of_every_kind_of_network_is_explained_and_in_the_table():
+    for kind, config in list(CONFIGS.items())[1:]:
+        own = {field.name for field in dataclasses.fields(config)} - {"kind"}
+        some = next(found for about, found in others().items() if about.startswith(f"{kind}: "))
+        assert {key.name for key in some} == {f"network.{name}" for name in own} and all(key.meaning for key in some)
+        assert all(f'| "{kind}" | `network.{name}` |' in network_table() and f"  network.{name} " in help_text() for name in own)
+        assert f"  network.kind = {kind}: " in help_text()
 
 
 def test_the_help_of_train_lists_them(capsys):

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from learning.graphs.graph import Graph, build_graph, build_skeleton, join
-from learning.networks.m4gn import M4GN, MLP, M4GNConfig, TransformerBlock, mean_of_own, mean_of_segments, products, sum_at
+from learning.networks.blocks import MLP, products, sum_at
+from learning.networks.m4gn import M4GN, M4GNConfig, TransformerBlock, mean_of_own, mean_of_segments
 from learning.segments.cut import segment
 from physics.schema import InputError
 from tests import plain_m4gn

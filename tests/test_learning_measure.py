@@ -3,6 +3,7 @@
 import math
 import time
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from datagen.sets.generate import trajectory_of
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.prediction.rivals import trivial
 from learning.report import measure as module
-from learning.report.measure import _row, measure
+from learning.report.measure import _doubt, _row, measure
 from physics.mesh.build import build_mesh
 from tests.scenes import pressed
 
@@ -88,8 +89,8 @@ def test_repeated_times_are_medians_and_the_rest_is_of_the_first():
     scores = run(predictor, repeats=3).rows[0].scores
     # the medians of each: 0.2 s and 0.1 s, which no single run had together, nor is either a mean
     assert (scores["seconds"], scores["set_up_seconds"]) == pytest.approx((0.3, 0.1)) and calls == [0, 1, 2]
-    assert scores["rmse_all"] == pytest.approx(5e-5, rel=1e-6) and scores["iterations"] == 2
-    assert scores["rmse_1"] == pytest.approx(1e-4, rel=1e-6)
+    assert scores["rmsd_all"] == pytest.approx(5e-5, rel=1e-6) and scores["iterations"] == 2
+    assert scores["rmsd_1"] == pytest.approx(1e-4, rel=1e-6)
 
 
 def test_by_default_each_is_timed_once():
@@ -112,12 +113,12 @@ def test_errors_are_those_of_verify_and_of_one_step_where_there_is_one():
     both = run(Predictor("with", "learned", predict), made("without", factors=(0, 1, 2, 4))).rows
     share = math.sqrt(cases()[0].free.sum() / len(cases()[0].free))  # over all nodes, of which some are held
     for row in both:
-        assert row.scores["rmse_all"] == pytest.approx(5e-5 * math.sqrt(21 / 4), rel=1e-6)
-        assert row.scores["rmse_all_pooled"] == pytest.approx(share * row.scores["rmse_all"])
+        assert row.scores["rmsd_all"] == pytest.approx(5e-5 * math.sqrt(21 / 4), rel=1e-6)
+        assert row.scores["rmsd_all_all_nodes"] == pytest.approx(share * row.scores["rmsd_all"])
         assert "worst_step" not in row.scores and row.scores["smallest_det_f"] > 0
-    assert both[0].scores["rmse_1"] == pytest.approx(1.5e-4, rel=1e-6)
-    assert both[0].scores["rmse_1_pooled"] == pytest.approx(share * 1.5e-4, rel=1e-6)
-    assert math.isnan(both[1].scores["rmse_1"]) and math.isnan(both[1].scores["rmse_1_pooled"])
+    assert both[0].scores["rmsd_1"] == pytest.approx(1.5e-4, rel=1e-6)
+    assert both[0].scores["rmsd_1_all_nodes"] == pytest.approx(share * 1.5e-4, rel=1e-6)
+    assert math.isnan(both[1].scores["rmsd_1"]) and math.isnan(both[1].scores["rmsd_1_all_nodes"])
     assert (both[0].name, both[0].kind, both[1].name, both[1].kind) == ("with", "learned", "without", "fe")
 
 
@@ -127,7 +128,7 @@ def test_the_reference_counts_as_its_file_and_what_it_differs_by_is_kept():
         return Prediction(path=shifted(case, 0, -2 if case.name == "shallow" else 1, 0, 0), seconds=1.0)
 
     found = run(Predictor("FE", "reference", predict), made("other", factors=(9, 9, 9, 9)), of=cases())
-    assert found.rows[0].scores["rmse_all"] == 0 and found.solved_again == pytest.approx(8e-5, rel=1e-5)
+    assert found.rows[0].scores["rmsd_all"] == 0 and found.solved_again == pytest.approx(8e-5, rel=1e-5)
     assert found.frames == []
 
 
@@ -200,7 +201,7 @@ def test_a_finer_solution_has_an_error_of_its_own(monkeypatch):
     rows = run(made("near", factors=(7, 0.5, 7, -1.5)), made("on", factors=(7, 1, 7, 4)), made("far", factors=(7, -1.1, 7, -2)),
                Predictor("FE", "reference", lambda c: Prediction(path=shifted(c, 1, 1, 1, 1), seconds=1.0)), refined=[0]).rows
     assert asked == [(case.scene, case.mesh)]
-    size = {row.name: row.scores["rmse_refined"] / 5e-5 for row in rows}
+    size = {row.name: row.scores["rmsd_refined"] / 5e-5 for row in rows}
     share = {row.name: row.scores["below_data"] for row in rows}
     assert size == pytest.approx({"near": math.sqrt((0.25 + 30.25) / 2), "on": 0, "far": math.sqrt((2.1**2 + 36) / 2),
                                   "FE": math.sqrt((1 + 16) / 2)}, rel=1e-5, abs=1e-3)
@@ -218,11 +219,11 @@ def test_only_the_cases_asked_for_are_solved_on_finer_cells_and_failures_are_tol
     monkeypatch.setattr(module, "finer", finer)
     found = run(made("a"), of=cases(), refined=[0, 1])
     assert found.notes == ["shallow has no finer solution: its mesh comes from a file."]
-    assert math.isnan(found.rows[0].each[0]["rmse_refined"]) and math.isnan(found.rows[0].each[0]["below_data"])
-    assert found.rows[0].each[1]["rmse_refined"] == pytest.approx(5e-5) == found.rows[0].scores["rmse_refined"]
+    assert math.isnan(found.rows[0].each[0]["rmsd_refined"]) and math.isnan(found.rows[0].each[0]["below_data"])
+    assert found.rows[0].each[1]["rmsd_refined"] == pytest.approx(5e-5) == found.rows[0].scores["rmsd_refined"]
     found = run(made("a"), of=cases(), refined=[1])
-    assert found.notes == [] and math.isnan(found.rows[0].each[0]["rmse_refined"]) and found.rows[0].each[1]["rmse_refined"] > 0
-    assert math.isnan(run(made("a")).rows[0].scores["rmse_refined"])
+    assert found.notes == [] and math.isnan(found.rows[0].each[0]["rmsd_refined"]) and found.rows[0].each[1]["rmsd_refined"] > 0
+    assert math.isnan(run(made("a")).rows[0].scores["rmsd_refined"])
 
 
 def test_a_distance_by_frame_is_over_free_nodes_alone():
@@ -236,12 +237,12 @@ def test_a_distance_by_frame_is_over_free_nodes_alone():
         assert module._by_frame(a, a, case).dtype == np.float64
 
 
-EACH = [{"rmse_all": 1e-3, "largest_penetration": 1e-5, "smallest_det_f": 0.9, "smallest_scaled_jacobian": 0.3, "inverted_elements": 1.0,
-         "rmse_refined": math.nan, "relative_residual": 0.25},
-        {"rmse_all": 3e-3, "largest_penetration": 4e-5, "smallest_det_f": 0.4, "smallest_scaled_jacobian": 0.1, "inverted_elements": 5.0,
-         "rmse_refined": 5e-3, "relative_residual": 0.5},
-        {"rmse_all": 8e-3, "largest_penetration": 2e-5, "smallest_det_f": 0.6, "smallest_scaled_jacobian": 0.2, "inverted_elements": 0.0,
-         "rmse_refined": 7e-3, "relative_residual": 1.5}]
+EACH = [{"rmsd_all": 1e-3, "largest_penetration": 1e-5, "smallest_det_f": 0.9, "smallest_scaled_jacobian": 0.3, "inverted_elements": 1.0,
+         "rmsd_refined": math.nan, "relative_residual": 0.25},
+        {"rmsd_all": 3e-3, "largest_penetration": 4e-5, "smallest_det_f": 0.4, "smallest_scaled_jacobian": 0.1, "inverted_elements": 5.0,
+         "rmsd_refined": 5e-3, "relative_residual": 0.5},
+        {"rmsd_all": 8e-3, "largest_penetration": 2e-5, "smallest_det_f": 0.6, "smallest_scaled_jacobian": 0.2, "inverted_elements": 0.0,
+         "rmsd_refined": 7e-3, "relative_residual": 1.5}]
 
 
 def test_rows_hold_means_and_of_extremes_the_extreme():
@@ -249,20 +250,37 @@ def test_rows_hold_means_and_of_extremes_the_extreme():
     # of a mean those count that have a number: (5 + 7) / 2 mm
     assert row.scores == pytest.approx(
         {
-            "rmse_all": 4e-3,
+            "rmsd_all": 4e-3,
             "largest_penetration": 4e-5,
             "smallest_det_f": 0.4,
             "smallest_scaled_jacobian": 0.1,
             "inverted_elements": 5,
-            "rmse_refined": 6e-3,
+            "rmsd_refined": 6e-3,
             "relative_residual": 0.75,
         }
     )
     assert row.each == tuple(EACH) and (row.name, row.kind) == ("M4GN", "learned")
-    assert math.isnan(_row(Predictor("FE", "fe", lambda case: None), [{"rmse_1": math.nan}]).scores["rmse_1"])
+    assert math.isnan(_row(Predictor("FE", "fe", lambda case: None), [{"rmsd_1": math.nan}]).scores["rmsd_1"])
 
 
 def test_nothing_is_kept_of_what_was_measured_before():
     first, second = run(made("a", "learned")), run(made("b"))
     assert len(first.frames) == 1 and second.frames == [] and [row.name for row in second.rows] == ["b"] and second.notes == []
     assert second.solved_again == 0
+
+
+def test_an_error_bar_is_held_against_the_errors_of_the_frames_that_have_one():
+    """Of five frames the last three have a bar, of 1, 2 and 6 m, and errors of 3, 2 and 0 m; the rest state is never counted as unsure."""
+    truth = np.zeros((5, 2, 3))
+    path = truth.copy()
+    path[:, 0, 1] = [9, 9, 3, 2, 0]
+    one = SimpleNamespace(truth=truth, free=np.array([True, False]))
+
+    def told(bar, unsure):
+        return _doubt(Prediction(path=path, seconds=0.0, bar=np.array(bar, float), unsure=np.array(unsure, bool)), one)
+
+    assert told([0, 0, 1, 2, 6], [1, 1, 0, 0, 0]) == {"error_bar": 3.0, "covered": pytest.approx(2 / 3), "unsure": 0.25}
+    never = told([0] * 5, [0, 1, 0, 0, 1])
+    assert never["unsure"] == 0.5 and np.isnan([never["error_bar"], never["covered"]]).all()
+    silent = _doubt(Prediction(path=path, seconds=0.0), one)
+    assert list(silent) == ["error_bar", "covered", "unsure"] and np.isnan(list(silent.values())).all()

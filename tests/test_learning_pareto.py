@@ -25,7 +25,7 @@ def point(name: str, ms: float, error: float) -> Row:
 
 def refined(some: list[Row], errors: tuple[float, ...]) -> list[Row]:
     """Rows that have an error to finer cells in every trajectory."""
-    return [replace(old, scores=old.scores | {"rmse_refined": error}, each=tuple(each | {"rmse_refined": error} for each in old.each))
+    return [replace(old, scores=old.scores | {"rmsd_refined": error}, each=tuple(each | {"rmsd_refined": error} for each in old.each))
             for old, error in zip(some, errors, strict=True)]
 
 
@@ -40,7 +40,7 @@ def test_the_front_is_what_no_other_beats_or_equals_in_both():
 def test_the_front_is_of_the_error_that_is_asked_for():
     some = refined([point("a", 1.0, 1.0), point("b", 2.0, 2.0)], (5.0, 4.0))
     assert [each.name for each in front(some)] == ["a"]
-    assert [each.name for each in front(some, "rmse_refined")] == ["a", "b"]
+    assert [each.name for each in front(some, "rmsd_refined")] == ["a", "b"]
 
 
 def test_the_front_of_rows_made_by_hand():
@@ -51,13 +51,13 @@ def test_the_front_of_rows_made_by_hand():
 
 def test_the_picture_is_against_finer_cells_only_where_all_rows_have_that_error_in_all_trajectories():
     errors = (1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4)
-    assert measure_of([]) == measure_of(rows()) == "rmse_all"
+    assert measure_of([]) == measure_of(rows()) == "rmsd_all"
     whole = refined(rows(), errors)
-    assert measure_of(whole) == "rmse_refined"
-    assert measure_of([*whole[:5], replace(whole[5], scores=rows()[5].scores)]) == "rmse_all"
+    assert measure_of(whole) == "rmsd_refined"
+    assert measure_of([*whole[:5], replace(whole[5], scores=rows()[5].scores)]) == "rmsd_all"
     # a mean over some trajectories only
-    assert measure_of([replace(whole[0], each=(*whole[0].each[:2], rows()[0].each[2])), *whole[1:]]) == "rmse_all"
-    assert measure_of([replace(whole[0], each=({},)), *whole[1:]]) == "rmse_all"
+    assert measure_of([replace(whole[0], each=(*whole[0].each[:2], rows()[0].each[2])), *whole[1:]]) == "rmsd_all"
+    assert measure_of([replace(whole[0], each=({},)), *whole[1:]]) == "rmsd_all"
 
 
 def drawn(some: list[Row], path: Path | None = None) -> Axes:
@@ -96,7 +96,7 @@ def test_each_predictor_is_a_point_at_its_time_and_its_error_in_mm():
     axes = plain()
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     assert axes.get_xlabel().startswith("processor time per step [ms]") and axes.get_ylabel() == (
-        "RMSE to the data, whole rollouts, free nodes [mm]")
+        "RMSD to the data, whole rollouts, free nodes [mm]")
     spots = [tuple(np.ravel(spot.get_offsets())) for spot in axes.collections]
     # the reference has no error to the data: no point, but a line at its time
     assert spots == [pytest.approx(spot) for spot in ((5, 0.4), (8, 0.2), (9, 0.05), (0.01, 7), (2, 0.6))]
@@ -129,7 +129,7 @@ def test_the_front_is_a_step_line_below_all_points():
 
 def test_against_finer_cells_the_reference_is_a_star_on_the_line_of_the_datas_error():
     axes = drawn(refined(rows(), (1e-3, 2e-3, 3e-4, 8e-3, 5e-4, 6e-4)))
-    assert axes.get_ylabel() == "RMSE to the scene on cells of half the size, whole rollouts, free nodes [mm]"
+    assert axes.get_ylabel() == "RMSD to the scene on cells of half the size, whole rollouts, free nodes [mm]"
     spots = {tuple(np.round(np.ravel(spot.get_offsets()), 9)): spot for spot in axes.collections}
     assert list(spots) == [(5, 1), (8, 2), (9, 0.3), (0.01, 8), (2, 0.5), (32, 0.6)]
     flat = [line for line in axes.lines if line.get_linestyle() == ":"]
@@ -189,8 +189,8 @@ def crowd() -> list[Row]:
 def test_labels_cover_neither_each_other_nor_points_nor_the_edge_even_in_a_crowd():
     for some, axes in ((rows(), plain()), (crowd(), crowded())):
         found, inside = boxes(axes), axes.get_window_extent().padded(2).extents
-        shown = {each.name: axes.transData.transform((each.ms_per_step, 1e3 * each.scores["rmse_all"]))
-                 for each in some if each.scores["rmse_all"] > 0}
+        shown = {each.name: axes.transData.transform((each.ms_per_step, 1e3 * each.scores["rmsd_all"]))
+                 for each in some if each.scores["rmsd_all"] > 0}
         assert [note.get_text() for note in axes.texts] == list(shown) and all(note.get_visible() for note in axes.texts)
         for name, box in found.items():
             assert inside[0] <= box[0] and box[2] <= inside[2] and inside[1] <= box[1] and box[3] <= inside[3], name
@@ -207,9 +207,9 @@ def heap(count: int) -> list[Row]:
     return [row("x" * 90 if i == 1 else name, "fe", ms, 1e-3 * mm) for i, (name, (ms, mm)) in enumerate(zip(names, spots, strict=True))]
 
 
-@pytest.mark.parametrize("count", [2, 30])
+@pytest.mark.parametrize("count", [2, 14])
 def test_no_two_labels_ever_lie_over_each_other_not_even_of_points_in_one_place(count):
-    """The picture grows until there is room; a name that no picture has room for is cut."""
+    """A name that no picture has room for is cut."""
     axes = drawn(heap(count))
     found = list(boxes(axes).items())
     assert len(found) == len(axes.texts) == count + 4 and found[1][0] == 47 * "x" + "…"
@@ -217,7 +217,23 @@ def test_no_two_labels_ever_lie_over_each_other_not_even_of_points_in_one_place(
     for i, (name, box) in enumerate(found):
         assert inside[0] <= box[0] and box[2] <= inside[2] and inside[1] <= box[1] and box[3] <= inside[3], name
         assert all(gap(box, other) >= 2 for _, other in found[:i]), name
-    assert axes.figure.get_figheight() == pytest.approx(6.2) or count > 20
+    assert axes.figure.get_figheight() == pytest.approx(6.2)
+
+
+@pytest.mark.parametrize("tries, height", [(1, 6.2), (2, 6.2 * 1.25), (7, 6.2 * 1.25**2)])
+def test_the_picture_grows_by_a_quarter_until_there_is_room_or_often_enough(monkeypatch, tries, height):
+    """Here twice at most; in the last picture the labels stand once, with or without room."""
+    monkeypatch.setattr(pareto, "GROWTHS", 2)
+    calls, label = [], pareto._label
+
+    def counted(axes, labels):
+        calls.append(axes.figure.get_figheight())
+        assert not axes.texts
+        return label(axes, labels) and len(calls) == tries
+
+    monkeypatch.setattr(pareto, "_label", counted)
+    axes = drawn(heap(0))
+    assert len(calls) == min(tries, 3) and calls[-1] == axes.figure.get_figheight() == pytest.approx(height) and len(axes.texts) == 4
 
 
 def test_a_label_stands_as_near_to_its_point_as_it_can_and_a_far_one_has_a_line_to_it():
@@ -259,7 +275,7 @@ def test_what_is_brought_along_is_a_labelled_point_or_without_a_time_a_line_with
 
 def spread(name: str, kind: str, factor: float = 1.0) -> Row:
     """Five trajectories with times 1 .. 5 ms and errors 1 .. 16 um, not in one order."""
-    each = tuple({"ms_per_step": factor * ms, "rmse_all": 1e-6 * um} for ms, um in ((2, 16), (5, 1), (1, 4), (4, 2), (3, 8)))
+    each = tuple({"ms_per_step": factor * ms, "rmsd_all": 1e-6 * um} for ms, um in ((2, 16), (5, 1), (1, 4), (4, 2), (3, 8)))
     return replace(row(name, kind, 3.0 * factor, 6.2e-6), each=each)
 
 
@@ -272,7 +288,9 @@ def test_from_four_trajectories_on_a_cross_has_medians_and_quartiles():
 
 def test_what_is_learned_has_a_front_of_its_own_where_something_else_beats_it():
     alone = drawn([row("a", "learned", 1.0, 1e-3), row("b", "learned", 2.0, 5e-4)])
-    assert [line.get_label() for line in alone.lines if line.get_label().startswith("front")] == ["front: nothing is both faster and closer"]
-    axes = drawn([row("a", "learned", 1.0, 1e-3), row("b", "learned", 2.0, 5e-4), row("c", "learned", 3.0, 6e-4), row("d", "fe", 0.5, 7e-4)])
+    assert [line.get_label() for line in alone.lines if line.get_drawstyle() == "steps-post"] == [
+        "front: nothing is both faster and closer"]
+    axes = drawn([row("a", "learned", 1.0, 1e-3), row("b", "learned", 2.0, 5e-4), row("c", "learned", 3.0, 6e-4),
+                  row("d", "fe", 0.5, 7e-4)])
     step = next(line for line in axes.lines if line.get_label() == "front of what is learned")
     assert list(step.get_xdata()) == [1, 2] and list(step.get_ydata()) == pytest.approx([1, 0.5]) and step.get_drawstyle() == "steps-post"

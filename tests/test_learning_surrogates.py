@@ -10,7 +10,6 @@ from learning.config import TrainConfig
 from learning.prediction import surrogates as module
 from learning.prediction.predictor import Case, LeftOut
 from learning.prediction.surrogates import corrected, corrected_rollout, estimated, learned
-from learning.samples.estimate import Estimate
 from physics.equilibrium.state import NoEquilibrium
 from physics.schema import InputError
 from tests.synthetic import bending
@@ -129,28 +128,36 @@ def test_what_blows_up_or_is_lost_is_left_out(world, case):
             predictor.predict(case)
 
 
-def test_the_reduced_model_is_the_estimate_without_the_network(world, case, monkeypatch):
-    def guessed(trajectory, frames):
-        world.now += 6
-        assert frames.tolist() == [1, 2, 3, 4]
-        assert not trajectory.displacement[:, trajectory.free].any()  # it is shown no truth
-        np.testing.assert_array_equal(trajectory.displacement[:, ~trajectory.free], case.trajectory.displacement[:, ~trajectory.free])
-        return Estimate(frames, world.path[frames] + 2, world.path[frames])
+class Estimator:
+    """An estimator that takes 6 s and has the world's path, and 2 more where it is rough."""
 
-    monkeypatch.setattr(module, "estimate", guessed)
-    predictor = estimated("by itself")
-    assert (predictor.name, predictor.kind) == ("by itself", "reduced")
-    found = predictor.predict(case)
-    body = case.trajectory.body
-    assert not found.path[0].any()
-    np.testing.assert_array_equal(found.path[1:], world.path[1:, body] + 2)
-    assert (found.seconds, found.set_up, found.one_step) == (6.0, 0.0, None)
+    def __init__(self, world, case):
+        self.world, self.case = world, case
+
+    def __call__(self, trajectory, *, rough):
+        self.world.now += 6
+        assert not trajectory.displacement[:, trajectory.free].any()  # it is shown no truth
+        held = ~trajectory.free
+        np.testing.assert_array_equal(trajectory.displacement[:, held], self.case.trajectory.displacement[:, held])
+        path = self.world.path[:, trajectory.body] + 2 * rough
+        return SimpleNamespace(frames=lambda frames: (path[list(frames)], None))
+
+
+def test_the_reduced_model_is_the_estimate_without_the_network(world, case, monkeypatch):
+    monkeypatch.setattr(module, "estimator_of", Estimator(world, case))
+    for rough in (False, True):
+        predictor = estimated("by itself", rough=rough)
+        assert (predictor.name, predictor.kind) == ("by itself", "reduced")
+        found = predictor.predict(case)
+        assert not found.path[0].any()
+        np.testing.assert_array_equal(found.path[1:], world.path[1:, case.trajectory.body] + 2 * rough)
+        assert (found.seconds, found.set_up, found.one_step) == (6.0, 0.0, None)
 
 
 def test_what_the_reduced_model_does_not_know_is_left_out(case, monkeypatch):
-    def refused(trajectory, frames):
+    def refused(trajectory, *, rough):
         raise InputError("clamped bodies alone")
 
-    monkeypatch.setattr(module, "estimate", refused)
+    monkeypatch.setattr(module, "estimator_of", refused)
     with pytest.raises(LeftOut, match="clamped bodies alone"):
         estimated("r").predict(case)

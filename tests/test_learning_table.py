@@ -31,15 +31,29 @@ WHOLE = {
         "ms_per_step_alone": (11.25, "ms", "time, set-up excluded [ms/step]", "11.2"),
         "seconds": (1.75, "s", "time of a trajectory [s]", "1.75"),
         "set_up_seconds": (0.25, "s", "set-up [s]", "0.25"),
-        "rmse_1": (2.5e-6, "m", "RMSE-1 [mm]", "0.0025"),
-        "rmse_50": (3.5e-5, "m", "RMSE-50 [mm]", "0.035"),
-        "rmse_all": (4.5e-4, "m", "RMSE-all [mm]", "0.45"),
-        "rmse_all_pooled": (5.5e-4, "m", "RMSE-all, pooled [mm]", "0.55"),
-        "rmse_refined": (6.5e-3, "m", "to finer cells [mm]", "6.5"),
+        "rmsd_1": (2.5e-6, "m", "RMSD-1 [mm]", "0.0025"),
+        "rmsd_50": (3.5e-5, "m", "RMSD-50 [mm]", "0.035"),
+        "rmsd_all": (4.5e-4, "m", "RMSD-all [mm]", "0.45"),
+        "rmsd_all_all_nodes": (5.5e-4, "m", "RMSD-all, all nodes [mm]", "0.55"),
+        "rmsd_refined": (6.5e-3, "m", "to finer cells [mm]", "6.5"),
         "below_data": (0.375, "1", "below the data's error", "0.375"),
         "error_bar": (7.5e-4, "m", "error bar [mm]", "0.75"),
         "covered": (0.875, "1", "covered", "0.875"),
         "unsure": (0.125, "1", "unsure", "0.125"),
+    },
+    "Errors as published": {
+        "rmse_1": (1.5e-5, "m", "RMSE-1 [mm]", "0.015"),
+        "rmse_50": (2.5e-5, "m", "RMSE-50 [mm]", "0.025"),
+        "rmse_all": (3.5e-5, "m", "RMSE-all [mm]", "0.035"),
+        "rmse_1_by_step": (4.5e-5, "m", "RMSE-1, by step [mm]", "0.045"),
+        "rmse_50_by_step": (5.5e-5, "m", "RMSE-50, by step [mm]", "0.055"),
+        "rmse_all_by_step": (6.5e-5, "m", "RMSE-all, by step [mm]", "0.065"),
+        "rmse_1_all_nodes": (7.5e-5, "m", "RMSE-1, all nodes [mm]", "0.075"),
+        "rmse_50_all_nodes": (8.5e-5, "m", "RMSE-50, all nodes [mm]", "0.085"),
+        "rmse_all_all_nodes": (9.5e-5, "m", "RMSE-all, all nodes [mm]", "0.095"),
+        "rmse_1_by_step_all_nodes": (10.5e-5, "m", "RMSE-1, by step, all nodes [mm]", "0.105"),
+        "rmse_50_by_step_all_nodes": (11.5e-5, "m", "RMSE-50, by step, all nodes [mm]", "0.115"),
+        "rmse_all_by_step_all_nodes": (12.5e-5, "m", "RMSE-all, by step, all nodes [mm]", "0.125"),
     },
     "Held against the equations": {
         "relative_residual": (0.0625, "1", "residual", "0.0625"),
@@ -75,12 +89,14 @@ def test_every_figure_stands_in_its_table_under_its_unit():
 
 
 def test_every_column_says_on_which_nodes_and_over_what():
-    for key in ("rmse_50", "rmse_1", "rmse_all", "rmse_refined", "estimated_error", "relative_residual"):
+    for key in ("rmsd_50", "rmsd_1", "rmsd_all", "rmse_1", "rmse_all_by_step", "rmsd_refined", "estimated_error", "relative_residual"):
         assert "<b>free</b>" in COLUMNS[key].meaning
-    for key in ("rmse_all_pooled", "gf_h", "gf_c"):
+    for key in ("rmsd_all_all_nodes", "rmse_50_all_nodes", "rmse_1_by_step_all_nodes", "gf_h", "gf_c"):
         assert "<b>all</b>" in COLUMNS[key].meaning
-    assert "1 to 50" in COLUMNS["rmse_50"].meaning
-    assert "half the size" in COLUMNS["rmse_refined"].meaning and "40" in COLUMNS["rmse_refined"].meaning
+    assert "1 to 50" in COLUMNS["rmsd_50"].meaning and "1 to 50" in COLUMNS["rmse_50_by_step"].meaning
+    for key, column in COLUMNS.items():
+        assert ("root mean square distance" in column.meaning) == (key == "rmsd_1") and ("coordinate" in column.meaning) == ("rmse" in key)
+    assert "half the size" in COLUMNS["rmsd_refined"].meaning and "40" in COLUMNS["rmsd_refined"].meaning
 
 
 def test_a_number_is_shown_with_three_digits_zero_as_zero_and_nan_as_a_dash():
@@ -90,7 +106,7 @@ def test_a_number_is_shown_with_three_digits_zero_as_zero_and_nan_as_a_dash():
 
 def test_what_no_predictor_has_is_no_column_and_what_one_lacks_is_a_dash():
     columns = told(COLUMNS, rows())
-    assert list(columns) == ["ms_per_step", "ms_per_step_alone", "rmse_1", "rmse_all", "iterations"]
+    assert list(columns) == ["ms_per_step", "ms_per_step_alone", "rmsd_1", "rmsd_all", "iterations"]
     assert cells(rows()[2], columns) == ["M4GN b, corrected 10-fold", "9", "7.88", "–", "0.05", "1"]  # 0.875 x 9 = 7.875
     assert cells(rows()[5], columns) == ["FE, the reference", "32", "28", "–", "0", "4.25"]
     assert cells(Row("bare", "fe", {}), columns) == ["bare", *"–––––"]

@@ -329,7 +329,7 @@ def test_a_loss_that_is_not_finite_stops_and_leaves_the_last_checkpoint(clock, f
 
 def test_another_process_than_the_first_leaves_nothing(clock, files, tmp_path, monkeypatch):
     @contextmanager
-    def second(config):
+    def second(config, device):
         yield Processes(rank=1, count=1)
 
     monkeypatch.setattr(module, "processes", second)

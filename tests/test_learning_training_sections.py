@@ -109,7 +109,7 @@ def test_a_config_is_of_the_kind_that_its_network_is(tmp_path):
     assert isinstance(found, SlenderConfig) and (found.frames, found.network.hidden) == (7, 5)
     (tmp_path / "b.toml").write_text("[network]\nhidden = 8\n")
     assert isinstance(load_config(tmp_path / "b.toml"), TrainConfig)
-    for text, said in (('[network]\nkind = "sectoins"\n', "must be one of sections, shapes; did you mean 'sections'"),
+    for text, said in (('[network]\nkind = "sectoins"\n', "sections, shapes; did you mean 'sections'"),
                        ('segments = 3\n[network]\nkind = "sections"\n', "segments: unknown key")):
         (tmp_path / "c.toml").write_text(text)
         with pytest.raises(InputError, match=said):

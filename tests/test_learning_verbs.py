@@ -102,11 +102,12 @@ def training(monkeypatch, tmp_path):
 def test_train_takes_both_splits_and_says_the_error_in_mm(training, capsys):
     arguments = ("train", "c.toml", "--data", training.data, "--out", training.out)
     assert spoken(capsys, *arguments) == [
-        "40 steps in 62 s, loss 0.1235, best validation error 0.250 mm (RMSE of whole rollouts over 1 validation trajectory, free nodes): "
+        "40 steps in 62 s, loss 0.1235, best validation error 0.250 mm (RMSD of whole rollouts over 1 validation trajectory, free nodes): "
         f"{training.out}"]
     assert training.given == ("config of c.toml", [f"{training.data}/train"], [f"{training.data}/valid"], training.out)
-    assert training.named == {"steps": None, "resume": False}
-    assert told(capsys, *arguments, "--steps", "7", "--resume") == RESULT and training.named == {"steps": 7, "resume": True}
+    assert training.named == {"steps": None, "resume": False, "device": "cpu"}
+    assert told(capsys, *arguments, "--steps", "7", "--resume", "--device", "auto") == RESULT
+    assert training.named == {"steps": 7, "resume": True, "device": "auto"}
 
 
 def test_the_seconds_of_a_training_go_before_those_of_its_config(training, capsys, monkeypatch):
@@ -144,7 +145,8 @@ def predicted(monkeypatch, tmp_path):
     moved[1:, truth.free] += [3e-6, 0, 4e-6]
     moved[:, ~truth.free] += 1.0
     prediction = replace(truth, displacement=moved.astype(np.float32), extra={"seconds_per_step": 0.25})
-    monkeypatch.setattr("learning.prediction.checkpoint.load_model", lambda run: f"model of {run}")
+    monkeypatch.setattr("learning.prediction.checkpoint.load_model",
+                        lambda run, device: f"model of {run}" + f" on {device}" * (device != "cpu"))
     return SimpleNamespace(file=file, truth=truth, out=tmp_path / "p.vtkhdf", prediction=prediction, monkeypatch=monkeypatch)
 
 
@@ -152,12 +154,12 @@ def test_rollout_writes_the_prediction_and_its_error_over_free_nodes_and_all_ste
     called = Called(predicted.prediction)
     predicted.monkeypatch.setattr("learning.prediction.rollout.rollout", called)
     lines = spoken(capsys, "rollout", "run", predicted.file, "--out", predicted.out)
-    assert lines == [f"5 steps, RMSE over all of them 0.005 mm: {predicted.out}"]
+    assert lines == [f"5 steps, RMSD over all of them 0.005 mm: {predicted.out}"]
     assert called.given[0] == "model of run" and np.array_equal(called.given[1].displacement, predicted.truth.displacement)
     assert np.array_equal(read_trajectory(predicted.out).displacement, predicted.prediction.displacement)
     result = told(capsys, "rollout", "run", predicted.file, "--out", predicted.out)
     # 5 um; displacements of up to 20 mm are stored in 24 bits, to about 1e-9 m
-    assert result == {"steps": 5, "rmse_all": pytest.approx(5e-6, rel=1e-3), "seconds_per_step": 0.25}
+    assert result == {"steps": 5, "rmsd_all": pytest.approx(5e-6, rel=1e-3), "seconds_per_step": 0.25}
 
 
 def test_a_corrected_rollout_is_held_against_the_scene(predicted, capsys):
@@ -178,6 +180,10 @@ def test_a_rollout_does_not_overwrite_its_trajectory_by_any_name(predicted, caps
             capsys, "rollout", "run", predicted.file, "--out", out
         )
     assert predicted.file.read_bytes() == before
+    predicted.monkeypatch.setattr("learning.prediction.rollout.rollout", Called(predicted.prediction))
+    for name in ("a.vtkhdf", "z.vtkhdf"):
+        spoken(capsys, "rollout", "run", predicted.file, "--out", predicted.file.with_name(name))
+    assert "--out" in refused(capsys, "rollout", "run", predicted.file)
     assert "must end in .vtkhdf" in refused(capsys, "rollout", "run", predicted.file, "--out", "p.vtu")
     assert "not a whole number above 0" in refused(capsys, "rollout", "run", predicted.file, "--out", "p.vtkhdf", "--correct", "0")
 
@@ -206,7 +212,8 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert told(capsys, "pareto", "press.toml") == {"summary": "words"}
     assert called.given == ("press.toml", [], Path("pareto"))
     del called.named["say"]
-    assert called.named == {"count": 5, "split": "test", "refined": None, "repeats": 3, "predictions": [], "functions": [], "only": []}
+    assert called.named == {"count": 5, "split": "test", "refined": None, "repeats": 3, "predictions": [], "functions": [], "device": "cpu",
+                            "only": []}
     spoken(
         capsys,
         "pareto",
@@ -231,7 +238,8 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     called.named["say"]("a line")
     assert capsys.readouterr().out == "a line\n"
     del called.named["say"]
-    assert called.named == {"count": 9, "split": "train", "refined": 0, "repeats": 1, "predictions": [], "functions": [], "only": []}
+    assert called.named == {"count": 9, "split": "train", "refined": 0, "repeats": 1, "predictions": [], "functions": [], "device": "cpu",
+                            "only": []}
     spoken(capsys, "pareto", "press.toml", "--prediction", "f", "--predictor", "m:f", "mine", "--prediction", "g", "n", "2",
            "--only", "trivial, fe")
     assert called.named["predictions"] == [["f"], ["g", "n", "2"]] and called.named["functions"] == [["m:f", "mine"]]
@@ -241,6 +249,50 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
     assert called.given[1] == []  # what one call was given is no default of the next
 
 
+@pytest.fixture
+def swept(monkeypatch, tmp_path):
+    """Four paths: a frame of two is unsure, one of them solved, one not; the largest displacement 2.5 mm."""
+    rows = SimpleNamespace(state=np.array([0, 1, -1, 0]), unsure=np.array([[0, 0], [1, 0], [0, 1], [0, 0]], bool),
+                           largest=np.array([[0, 1e-3], [2e-3, 2.5e-3], [0, 1e-4], [0, 0]]))
+    called = Called(SimpleNamespace(rows=rows, varied={"obstacle.radius": 0}, frames=np.array([3, 20]), nodes=np.arange(7)))
+    monkeypatch.setattr("learning.prediction.sweep.sweep", lambda *given, journal, **named: journal.touch() or called(
+        *given, journal=journal, **named))
+    monkeypatch.setattr("learning.prediction.sweep.write_sweep", lambda path, found: path.write_text("written"))
+    called.out = tmp_path / "s.h5"
+    return called
+
+
+def test_sweep_hands_its_options_on_and_counts_what_it_found(swept, capsys):
+    arguments = ("sweep", "press.toml", "--predictor", "run", "--out", swept.out)
+    result = told(capsys, *arguments)
+    assert result.pop("seconds") >= 0
+    assert result == {"paths": 4, "varied": ["obstacle.radius"], "frames": [3, 20], "nodes": 7, "unsure": 2, "solved": 1, "unsolved": 1,
+                      "largest": 2.5e-3}
+    assert swept.given == ("press.toml", "run") and swept.named.pop("say") and swept.out.read_text() == "written"
+    part = swept.out.with_name("s.h5.part")
+    assert swept.named == {"vary": [], "changes": [], "count": None, "seed": 0, "frames": None, "nodes": None, "solve_unsure": False,
+                           "journal": part} and not part.exists()
+    line, = spoken(capsys, *arguments, "--vary", "a=1:2", "b=3:4", "--vary", "c=5,6", "--set", "d=7", "--count", "9", "--seed", "2",
+                   "--frames", "0, 20", "--nodes", "x-max", "--unsure", "solve")
+    assert line.startswith("4 paths in ") and line.endswith(
+        f" s, largest displacement 2.5 mm; the predictor is unsure of 2, 1 solved by finite elements, 1 without an equilibrium that "
+        f"they found: {swept.out}")
+    del swept.named["say"]
+    assert swept.named == {"vary": ["a=1:2", "b=3:4", "c=5,6"], "changes": ["d=7"], "count": 9, "seed": 2, "frames": [0, 20],
+                           "nodes": "x-max", "solve_unsure": True, "journal": part}
+    swept.result.rows.state[2] = 0
+    assert "without an equilibrium" not in spoken(capsys, *arguments, "--nodes", "7,3")[0] and swept.named["nodes"] == [7, 3]
+    spoken(capsys, *arguments, "--nodes", "")
+    assert swept.named["nodes"] == ""  # no number, so a place, which there is not
+    for wrong in ("7,a", "7,", "1234567890", "7,-1"):
+        assert f"--nodes {wrong}: must be whole numbers with commas between" in refused(capsys, *arguments, "--nodes", wrong)
+    spoken(capsys, *arguments, "--nodes", "123456789")
+    for given, lacks in ((("--predictor", "run"), "--out"), (("--out", swept.out), "--predictor")):
+        assert lacks in refused(capsys, "sweep", "press.toml", *given)
+    for wrong in (("--unsure", "ask"), ("--count", "0"), ("--seed", "-1"), ("--out", "s.csv")):
+        refused(capsys, *arguments, *wrong)
+
+
 def test_every_verb_says_what_it_does():
-    for verb in (verbs.segment, verbs.train, verbs.rollout, verbs.evaluate, verbs.pareto):
+    for verb in (verbs.segment, verbs.train, verbs.rollout, verbs.sweep, verbs.evaluate, verbs.pareto):
         assert verb.__doc__.strip().count("\n") == 0 and verb.__doc__.endswith(".")

@@ -1,8 +1,12 @@
 """A correction's steps are Newton's, literally: dense stiffness, out-of-balance force, a solve by numpy."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from physics.equilibrium.state import NoEquilibrium, State
+from physics.fidelity import correct
 from physics.fidelity.correct import Corrector
 from physics.mesh.build import build_mesh
 from tests.scenes import beam
@@ -74,3 +78,29 @@ def test_before_anything_touches_rest_is_the_answer_whatever_the_guess_and_later
     assert corrector.iterations == 2  # the second shows that the first was good
     after = corrector(guess, 1.0)
     assert after.any() and abs(after).max() < 0.03 * abs(guess).max() and corrector.iterations > 2
+
+
+@pytest.mark.parametrize("stride, reached, settled", [(0.0, [], np.arange(1, 65) / 64), (4.0, np.arange(1, 5) / 4, []),
+                                                      (0.5, [1.0], [])])
+def test_the_last_state_is_gone_on_from_in_halves_and_where_six_of_them_lead_nowhere_the_body_comes_to_rest(
+        monkeypatch, stride, reached, settled):
+    """From rest to the whole load: a stride that is too long is halved before it is tried; where none succeeds, six times each."""
+    mesh = build_mesh(beam(body=SMALL).body)
+    corrector, found, rested = Corrector(beam(body=SMALL, support=HELD, load=LOAD), mesh), [], []
+    monkeypatch.setattr(corrector.balance, "stride", lambda start, end: stride * (end - start))
+
+    def equilibrium(fraction, guess, last):
+        if not stride:
+            raise NoEquilibrium("none")
+        found.append(fraction)
+        assert last.fraction == (found[-2] if len(found) > 1 else 0.0)
+        return State(fraction, guess, last.pressure)
+
+    def settle(fraction, last, newton):
+        rested.append(fraction)
+        return State(fraction, last.u, last.pressure), None
+
+    monkeypatch.setattr(corrector.newton, "equilibrium", equilibrium)
+    monkeypatch.setattr(correct, "Relaxation", lambda balance: SimpleNamespace(settle=settle))
+    last = State(0.0, np.zeros_like(mesh.points), np.zeros(0))
+    assert corrector._reached(1.0, last).fraction == 1.0 and found == list(reached) and rested == list(settled)

@@ -242,7 +242,7 @@ def test_points_that_bear_are_stopped_by_masses_and_the_obstacles_speed(monkeypa
 
     def bear(contact, u, velocity, **others):
         told.update(others)
-        return velocity + 1, np.array([10.0, 20.0, 40.0])
+        return velocity + 1, np.array([[10.0, 20.0, 40.0]])
 
     monkeypatch.setattr(dynamics, "bear", bear)
     borne, velocity = made._borne(0.25, state, np.full((12, 3), 3.0), 0.25)

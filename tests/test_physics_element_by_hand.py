@@ -41,8 +41,8 @@ def test_gradients_are_the_slopes_of_the_shape_functions(cell):
     at = np.array([(0.1, 0.2, 0.3), (0.3, 0.05, 0.6)])
     np.testing.assert_allclose(CELLS[cell].shapes(at)[1], [gradients_at(cell, point) for point in at], atol=1e-14)
     assert [list(corner) for corner in HEXAHEDRON] == [list(corner) for corner in UNIT["hexahedron"]]
-    with pytest.raises(InputError, match="cell = 'triangle': must be one of tetrahedron, prism, hexahedron"):
-        CELLS["triangle"].shapes(at)
+    with pytest.raises(InputError, match="cell = 'line': must be one of triangle, quadrilateral, tetrahedron, prism, hexahedron"):
+        CELLS["line"].shapes(at)
 
 
 @pytest.mark.parametrize("cell, volume, powers", [("tetrahedron", 1 / 6, 1), ("prism", 1 / 2, 2), ("hexahedron", 1, 3)])

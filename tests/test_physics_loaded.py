@@ -96,7 +96,7 @@ def test_the_stiffness_is_the_slope_of_all_forces_contact_included():
     solution = solve(scene)
     balance = Balance(scene, solution.mesh)
     stiffness, space, _ = loaded_stiffness(scene, solution.mesh, solution.displacement[-1], 1.0)
-    balance.outer(1.0)
+    balance.apply_loads(1.0)
     random, free = np.random.default_rng(0), ~balance.fixed
     right, left = stiffness.createVecs()
     for _ in range(3):

@@ -3,8 +3,9 @@
 import pytest
 
 from physics.modes.elastic import elastic_modes
-from physics.modes.locking import too_high
+from physics.modes.locking import too_high, too_stiff
 from physics.scene import read_scene
+from physics.solution import solve
 
 
 def scene(cells, *, cell="hexahedron", length=0.4, order=1, **more):
@@ -61,3 +62,45 @@ def test_rigid_modes_are_passed_over():
     free = read_scene({"body": {"length": 0.2, "width": 0.02, "height": 0.02, "cells": [10, 1, 1], "cell": "hexahedron"},
                        "material": {"young_modulus": 1e6, "poisson_ratio": 0.3}})
     assert not told(free, count=6) and "mode 7 is" in told(free, count=7)[0]
+
+
+def bent(cells, cell, load, *, nu=0.3, element="standard", turned=0.0, length=0.4):
+    """A cantilever under a load across it at its end [Pa], about its middle plane or turned out of it by a moving support."""
+    return read_scene({"body": {"length": length, "width": 0.02, "height": 0.02, "cells": cells, "cell": cell, "element": element},
+                       "material": {"young_modulus": 1e6, "poisson_ratio": nu}, "steps": {"count": 2},
+                       "support": [{"where": "x-min"} | ({"axis": [0, 1, 0], "angle": turned} if turned else {})],
+                       "load": [{"where": "x-max", "traction": [0, 0, load]}]})
+
+
+@pytest.mark.parametrize("cell, cells, nu, element, load, share", [
+    ("hexahedron", [40, 5, 5], 0.3, "standard", -0.3, 0.15), ("prism", [20, 3, 3], 0.3, "standard", -30, 0.15),
+    ("tetrahedron", [40, 5, 5], 0.3, "standard", -30, 0.15), ("hexahedron", [20, 3, 3], 0.499, "mean-dilatation", -30, 0.4)])
+def test_what_a_bent_beam_is_too_stiff_is_its_deflection_against_cells_that_do_not_lock(cell, cells, nu, element, load, share):
+    """Small and large, by up to a fifth of the length; with mean dilatation the estimate is the coarser one."""
+    solution = solve(bent(cells, cell, load, nu=nu, element=element))
+    true = solve(bent([60, 4, 4], "prism", load, nu=nu, element="reduced"))
+    down = [abs(found.displacement[-1][:, 2]).max() for found in (solution, true)]
+    excess = down[1] / down[0] - 1
+    assert excess > 0.09
+    material = bent(cells, cell, load, nu=nu).material
+    found = too_stiff(solution.mesh, solution.displacement[-1], material, element, finite=solution.linear_steps == 0)
+    assert found == pytest.approx(excess, rel=share)
+
+
+def test_a_path_is_told_of_where_its_cells_are_too_stiff_and_what_helps():
+    given = bent([10, 1, 1], "prism", -30)
+    text, = solve(given).stiff(given)
+    assert "at step 2 the body by about" in text and 'body.element = "reduced"' in text
+    given = bent([10, 1, 1], "prism", -30, turned=40.0)  # by small strain 1 - cos 40 = 0.23 in every cell, which does not jump
+    assert len(solve(given).stiff(given)) == 1
+    for cells, cell, element in (([10, 1, 1], "prism", "reduced"), ([80, 8, 8], "hexahedron", "standard")):
+        given = bent(cells, cell, -30, element=element)
+        assert solve(given).stiff(given) == ()
+
+
+def test_nothing_is_said_of_a_body_that_flies_unstrained():
+    """What the solver leaves of strain in flight jumps from cell to cell."""
+    given = read_scene({"body": {"length": 0.2, "width": 0.02, "height": 0.02, "cells": [10, 1, 1], "cell": "hexahedron"},
+                        "material": {"young_modulus": 1e6, "poisson_ratio": 0.3},
+                        "steps": {"count": 4, "dynamic": True, "duration": 0.1, "velocity": [0.0, 0.0, 1.0]}})
+    assert solve(given).stiff(given) == ()

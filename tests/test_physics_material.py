@@ -6,13 +6,15 @@ import pytest
 from physics.body.elasticity import Elasticity
 from physics.body.element import Samples
 from physics.body.kernel import Kernel
-from physics.body.material import LAWS, lame
+from physics.body.material import LAWS, lame, law_of, stress
 from physics.body.stress import first_piola, von_mises
 from physics.mesh.build import build_mesh
 from physics.reduced.elastic import Elastic
 from physics.scene import Body, Material, Scene, Steps
 from physics.schema import InputError
 from physics.solution import solve
+from tests.test_physics_stress import cauchy
+from tests.test_physics_stress import material as closed_material
 
 LAMBDA, MU = 3.0, 2.0
 BULK = LAMBDA + 2 * MU / 3  # 13/3
@@ -133,3 +135,20 @@ def test_an_unknown_law_is_an_error_that_names_the_known_ones(law):
     for use in uses:
         with pytest.raises(InputError, match=f"material.law = {law!r}: must be one of {', '.join(LAWS)}"):
             use()
+
+
+@pytest.mark.parametrize("law", ["neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"])
+def test_stress_of_a_law_by_its_slopes_is_that_of_the_closed_form(law):
+    """P = J sigma F^-T with sigma as textbooks have it; of a linear law P is sigma. Each tensor has a lambda and a mu of its own."""
+    dice = np.random.default_rng(4)
+    H, share = dice.uniform(-0.2, 0.2, (5, 3, 3)), np.array([1.0, 2.0, 0.5, 3.0, 1.0])
+    lmbda, mu = (np.array(lame(closed_material(law))) * np.ones((5, 1))).T * share
+    found = stress(law_of(law), H, lmbda, mu)
+    for P, h, times in zip(found, H, share, strict=True):
+        F = np.eye(3) + h
+        sigma = times * cauchy(F, law)  # linear in both
+        expected = sigma if law == "linear" else np.linalg.det(F) * sigma @ np.linalg.inv(F).T
+        np.testing.assert_allclose(P, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
+    if law.startswith("neo"):
+        over = stress(law_of(law), np.diag([-2.0, 0, 0])[None], lmbda[:1], mu[:1])
+        assert np.isnan(over).all()  # a cell inside out

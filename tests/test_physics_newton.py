@@ -68,7 +68,7 @@ def test_it_is_given_up_when_it_is_ten_times_as_far_off_as_before_or_not_a_numbe
 
     assert taken([5, 4, 39, 30, 39.9, 0.5]) == 6  # the least so far is what counts
     assert taken([5, 4, 41]) == "|R| = 4.1e-05 of the reaction, a gap is 0.0e+00 m off"
-    assert taken([np.inf]).startswith("|R| = inf") and taken([5, np.nan]).startswith("|R| = nan")
+    assert taken([np.inf]) == taken([5, np.nan]) == "forces are no numbers: a cell turns inside out, or they overflow"
     assert taken(11 * [5] + [0.9]) == 12 and taken(12 * [5]).startswith("|R| = 5.0e-06")
 
 

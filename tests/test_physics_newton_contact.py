@@ -47,6 +47,21 @@ def turning(contact, u, centre, pressure):
     return np.einsum("q,qa,qb,qij->aibj", pressure, weights, weights, slope).reshape(count, count)
 
 
+def test_what_presses_are_the_points_with_a_force_and_no_others():
+    found, last = bent()
+    points = np.flatnonzero(last.pressure)
+    felt = found.pressing(last)
+    contact, x = found.balance.contact, last.u
+    gap, normal = contact.gaps(x, contact.obstacle.position(FRACTION))
+    assert 0 < len(points) < found._touch(FRACTION, x, last.pressure).zone.weights.shape[0]  # of all that are near
+    assert np.array_equal(felt.pressed, last.pressure[points]) and np.allclose(felt.gap, gap[points], rtol=0, atol=1e-15)
+    # A row's entries are the shares of the nodes behind a point times its normal, and the shares add up to one.
+    rows = felt.gradient.reshape(len(points), -1, 3)
+    assert np.allclose(rows.sum(axis=1), normal[points], rtol=0, atol=1e-12)
+    assert found.pressing(State(0.0, np.zeros_like(x), np.zeros_like(last.pressure))) is None
+    assert newton(obstacle=None).pressing(State(0.0, np.zeros_like(x), np.zeros(0))) is None
+
+
 @pytest.mark.parametrize("method", [None, "multigrid"])
 def test_a_step_solves_the_linearised_equations_with_contact(method, monkeypatch):
     """(K - sum p H) s = -r + G^T p', g + G s + c p' = 0 where p' > 0, and > 0 elsewhere; from a state that is nowhere near balance."""

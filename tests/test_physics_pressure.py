@@ -76,7 +76,9 @@ def test_on_a_closed_face_the_tangent_is_the_whole_derivative(cell):
     matrix.mult(right, left)
     slope = (body.force(u + h * v) - body.force(u - h * v)) / (2 * h)
     np.testing.assert_allclose(body.space.from_dofs(left.array), slope, atol=1e-7 * abs(slope).max())
-    assert body.factored == 0.5
+    assert body.factored == 0.5 and body.work(0 * u) == 0
+    grown = cell_volumes(mesh.points + u, mesh.cells, mesh.cell).sum() - cell_volumes(mesh.points, mesh.cells, mesh.cell).sum()
+    assert body.work(u) == pytest.approx(-0.5 * 50.0 * grown, rel=1e-9)
     work = [body.work(u + sign * h * v) for sign in (1, -1)]
     assert (work[0] - work[1]) / (2 * h) == pytest.approx((0.5 * pressure_force(mesh.points + u, mesh.boundary, 50.0) * v).sum(), rel=1e-6)
 

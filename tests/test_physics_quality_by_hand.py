@@ -19,15 +19,20 @@ def one(points):
     return np.arange(len(points))[None]
 
 
-def test_rmse_is_of_vectors_over_frames_and_nodes():
+def test_rmsd_is_of_vectors_over_frames_and_nodes_and_rmse_of_their_components():
     """Two frames of two nodes, errors (1, 2, 2), (0, 3, 4), 0 and (2, 0, 0): sqrt((9 + 25 + 0 + 4) / 4)."""
     truth = np.arange(12.0).reshape(2, 2, 3)
     error = np.array([[(1, 2, 2), (0, -3, 4)], [(0, 0, 0), (-2, 0, 0)]])
-    assert quality.rmse(truth + error, truth) == pytest.approx(9.5**0.5, rel=1e-14)
-    assert quality.rmse(truth + error, truth, np.array([True, False])) == pytest.approx(4.5**0.5, rel=1e-14)
-    assert quality.rmse(truth + error, truth, [1]) == pytest.approx(14.5**0.5, rel=1e-14)
-    assert quality.rmse(truth + error, truth, slice(1, 2)) == pytest.approx(14.5**0.5, rel=1e-14)
-    assert quality.rmse(truth[0] + error[0], truth[0]) == pytest.approx(17**0.5, rel=1e-14)
+    assert quality.rmsd(truth + error, truth) == pytest.approx(9.5**0.5, rel=1e-14)
+    assert quality.rmsd(truth + error, truth, np.array([True, False])) == pytest.approx(4.5**0.5, rel=1e-14)
+    assert quality.rmsd(truth + error, truth, [1]) == pytest.approx(14.5**0.5, rel=1e-14)
+    assert quality.rmsd(truth + error, truth, slice(1, 2)) == pytest.approx(14.5**0.5, rel=1e-14)
+    assert quality.rmsd(truth[0] + error[0], truth[0]) == pytest.approx(17**0.5, rel=1e-14)
+    assert quality.rmse(truth + error, truth) == pytest.approx((38 / 12) ** 0.5, rel=1e-14)
+    assert quality.rmse(truth + error, truth, [1]) == pytest.approx((29 / 6) ** 0.5, rel=1e-14)
+    # by step: frames have 34 / 6 and 4 / 6
+    assert quality.rmse(truth + error, truth, by_step=True) == pytest.approx(((34 / 6) ** 0.5 + (4 / 6) ** 0.5) / 2, rel=1e-14)
+    assert quality.rmse(truth + error, truth, [1], by_step=True) == pytest.approx(((25 / 3) ** 0.5 + (4 / 3) ** 0.5) / 2, rel=1e-14)
 
 
 def test_hausdorff_and_chamfer_of_five_nodes():
@@ -93,7 +98,6 @@ def test_a_hexahedron_inside_out_at_its_gauss_points_only():
     corners, inside = least(x - CUBE)
     assert corners > 0.3 and inside < -0.7
     assert quality.det_f(CUBE, x - CUBE, one(CUBE), "hexahedron") == pytest.approx(inside, rel=1e-12)
-    assert quality.inverted_cells(CUBE, x - CUBE, one(CUBE), "hexahedron") == 1
 
 
 def test_a_cell_that_is_turned_from_bottom_to_top_is_narrow_in_between():
@@ -122,13 +126,12 @@ def test_det_f_of_a_hexahedron_at_both_kinds_of_points_in_a_plain_loop():
         displacement = rng.uniform(-share, share, (8, 3))
         corners, inside = least(displacement)
         assert quality.det_f(CUBE, displacement, one(CUBE), "hexahedron") == pytest.approx(min(corners, inside), rel=1e-11, abs=1e-13)
-        assert quality.inverted_cells(CUBE, displacement, one(CUBE), "hexahedron") == (min(corners, inside) <= 0)
 
 
-def test_a_flat_cell_counts_as_inverted_and_only_that():
+def test_a_flat_cell_has_no_positive_det_f_and_a_thin_one_has():
     flat, thin = CUBE * (0, 0, -1), CUBE * (0, 0, -1 + 1e-9)
     for displacement, count in ((flat, 1), (thin, 0), (1.5 * flat, 1)):
-        assert quality.inverted_cells(CUBE, displacement, one(CUBE), "hexahedron") == count
+        assert np.count_nonzero(~(quality.det_f(CUBE, displacement, one(CUBE), "hexahedron") > 0)) == count
     for rest, words in ((CUBE * (1, 1, 0), "1 of 1 cells are inverted in the rest state"), (CUBE * (1, 1, -1), "1 of 1 cells")):
         with pytest.raises(InputError, match=words):
             quality.det_f(rest, 0 * CUBE, one(CUBE), "hexahedron")

@@ -86,6 +86,10 @@ WRONG = {
     "a load far stronger than the body": ("[steps]", '[[load]]\nwhere = "x-max"\ntraction = [0, 0, 1e15]\n[steps]',
                                           "times Young's modulus"),
     "a weight far stronger than the body": ("[steps]", "[[load]]\nacceleration = [0, 0, -1e17]\n[steps]", "times Young's modulus"),
+    "a pressure far stronger than the body": ("[steps]", '[[load]]\nwhere = "x-max"\npressure = -1e15\n[steps]', "times Young's modulus"),
+    "a table that makes a load far too strong": (
+        "[steps]", '[[load]]\nwhere = "x-max"\ntraction = [0, 0, 10]\nsteps = [0, 0.5, 1]\nfactor = [0, -1e9, 0]\n[steps]',
+        "load[0]: 1e+10 Pa are 1e+04 times Young's modulus"),
     "a name of 300 letters": ('name = "press"', f'{"n" * 300} = "press"', "unknown key"),
 }
 

@@ -67,7 +67,7 @@ def test_the_trajectory_no_longer_needs_the_file(scene, tmp_path):
     ("0, 0\n2, 1\n2, 0\n", "line 3: the first column must start at 0 and rise; it is 2 after 2"),
     ("0, 0\n", "1 rows; 2 to 100000"),
     ("", "0 rows"),
-    ("0, 0\n1, x\n", "line 2: 1,  x: numbers are expected"),
+    ("0, 0\n1, x\n", "line 2: 1,  x: numbers are expected, with commas between them"),
     ("0, 0\n1, nan\n", "line 2: 2 finite numbers"),
     ("0, 0\n1, 2, 3\n", "line 2: 2 finite numbers are expected: step, factor"),
     ("0, 0.5\n1, 1\n", r"load\[0\].factor: must start at 0"),

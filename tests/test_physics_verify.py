@@ -27,7 +27,7 @@ def check(case, prediction):
 
 def test_the_truth_scores_nothing(case):
     fidelity = check(case, case[1].displacement)
-    assert fidelity.rmse_1 == fidelity.rmse_50 == fidelity.rmse_all == fidelity.gf_h == fidelity.gf_c == 0
+    assert fidelity.rmsd_1 == fidelity.rmsd_50 == fidelity.rmsd_all == fidelity.gf_h == fidelity.gf_c == 0
     assert fidelity.mc == fidelity.ar == fidelity.inverted_elements == 0
     assert fidelity.relative_residual < 2 * TOLERANCE  # the checker finds other contact forces, never worse ones than twice
     assert fidelity.largest_penetration < 1e-6
@@ -37,7 +37,7 @@ def test_known_noise_is_found(case):
     noise = np.random.default_rng(0).normal(scale=1e-4, size=case[1].displacement.shape)
     fidelity = check(case, case[1].displacement + noise)
     # |error|^2 of three normal components has the mean 3 sigma^2; 20 x 300 nodes leave about 1 % of scatter.
-    assert fidelity.rmse_all == pytest.approx(np.sqrt(3) * 1e-4, rel=0.03)
+    assert fidelity.rmsd_all == pytest.approx(np.sqrt(3) * 1e-4, rel=0.03)
     assert fidelity.relative_residual > 1
     assert fidelity.mc > 0.01
 
@@ -46,7 +46,7 @@ def test_a_delay_by_one_step_is_found(case):
     u = case[1].displacement
     fidelity = check(case, np.concatenate([u[:1], u[:-1]]))
     moved = np.sqrt(np.mean(np.sum(np.diff(u, axis=0)[:, case[2]] ** 2, axis=2)))
-    assert fidelity.rmse_all == pytest.approx(moved)
+    assert fidelity.rmsd_all == pytest.approx(moved)
     assert fidelity.largest_penetration > 1e-4  # the obstacle is a step ahead
 
 
@@ -74,7 +74,7 @@ def test_estimated_error_is_about_the_error_of_a_small_disturbance(case):
     bent[:, 1] = 1e-4 * (x[:, 0] / 0.06) ** 2  # sideways, where no contact holds the beam
     fidelity = check(case, solution.displacement + np.where(free[:, None], bent, 0) * (np.arange(21) > 0)[:, None, None])
     # Newton's method is quadratic: a disturbance of 1e-4 of a beam of 2e-2 leaves a few per cent of itself.
-    assert fidelity.estimated_error == pytest.approx(fidelity.rmse_all, rel=0.1)
+    assert fidelity.estimated_error == pytest.approx(fidelity.rmsd_all, rel=0.1)
 
 
 def test_truth_has_no_estimated_error_nor_one_of_energy_and_reaction(case):
@@ -89,7 +89,7 @@ def test_another_material_is_found_by_energy_reaction_and_residual(case):
     fidelity = verify(solution.displacement, solution.displacement, scene=scene, mesh=solution.mesh, free=free)
     other = verify(solve(softer).displacement, solution.displacement, scene=scene, mesh=solution.mesh, free=free)
     # Pressed by the same path, a body of any stiffness has the same shape: only a force would tell, and the file has none.
-    assert other.rmse_all < 1e-5 and fidelity.rmse_all == 0
+    assert other.rmsd_all < 1e-5 and fidelity.rmsd_all == 0
     law = replace(scene, material=replace(scene.material, poisson_ratio=0.2))
     assert verify(solve(law).displacement, solution.displacement, scene=scene, mesh=solution.mesh, free=free).relative_residual > 0.01
 
@@ -113,7 +113,7 @@ def test_one_node_out_of_place_is_found_by_the_largest_distance_not_by_the_mean(
     u[step, inner] += [0, 1e-3, 0]  # a fifth of a cell
     fidelity, truth = check(case, u), check(case, solution.displacement)
     # One of some 300 nodes in one of 20 frames: the mean forgets it, the largest distance has it whole, once in 20 frames.
-    assert fidelity.rmse_all == pytest.approx(1e-3 / np.sqrt(20 * free.sum()))
+    assert fidelity.rmsd_all == pytest.approx(1e-3 / np.sqrt(20 * free.sum()))
     assert fidelity.gf_h == pytest.approx(1e-3 / 20)
     assert fidelity.worst_step == step
     assert fidelity.relative_residual > 0.1 and fidelity.stress_error > 0.05
@@ -132,7 +132,7 @@ def test_a_mirrored_motion_is_found_by_obstacle_and_residual_not_by_its_energy(c
     assert fidelity.energy_error < 0.01
     assert fidelity.largest_penetration > 5e-3  # bent up, into the cylinder that comes down
     assert fidelity.relative_residual > 0.1
-    assert fidelity.rmse_all > np.sqrt(np.mean(np.sum(solution.displacement[1:] ** 2, axis=2)))
+    assert fidelity.rmsd_all > np.sqrt(np.mean(np.sum(solution.displacement[1:] ** 2, axis=2)))
 
 
 def test_another_poisson_ratio_is_found_by_residual_stress_and_estimate(case):

@@ -6,7 +6,11 @@ Planes of the bar move as a whole, so each box has one strain, and all forces ar
 import numpy as np
 import pytest
 
+from physics.fidelity.figures import gathered
 from physics.fidelity.verify import Checker, Reference, as_table, verify
+from physics.mesh.build import build_mesh
+from physics.mesh.shapes.boxes import rectangle
+from physics.scene import Body
 from tests.bars import HX, HY, HZ, LAMBDA, MU, ORIGIN, bar, node_at, stress
 
 # Frames 0 .. 61; a free node is off by AMOUNT (2, 3, 6) um, of length 7, a held one by HELD (1, -2, 2) um, of length 3.
@@ -26,17 +30,27 @@ def long():
     return prediction, truth, {"scene": scene, "mesh": mesh, "free": plane > 0, "sample": 2}
 
 
-def test_rmse_1_is_of_the_first_step_rmse_50_of_frames_1_to_50_and_rmse_all_without_the_rest_frame(long):
+def test_rmsd_1_is_of_the_first_step_rmsd_50_of_frames_1_to_50_and_rmsd_all_without_the_rest_frame(long):
     prediction, truth, how = long
     fidelity = verify(prediction, truth, **how)
     # Squares of AMOUNT: frame 1 4; frames 1 .. 50 4 + 48 + 25 = 77; all 77 + 10 9 + 16 = 183. Of HELD 1599 more from frame 20 on.
     # 12 of the 16 nodes are free.
-    assert fidelity.rmse_1 == pytest.approx(7e-6 * np.sqrt(4 / 12))
-    assert fidelity.rmse_50 == pytest.approx(7e-6 * np.sqrt(77 / (50 * 12)))
-    assert fidelity.rmse_all == pytest.approx(7e-6 * np.sqrt(183 / (61 * 12)))
-    assert fidelity.rmse_1_pooled == pytest.approx(1e-6 * np.sqrt((49 + 9) * 4 / 16))
-    assert fidelity.rmse_50_pooled == pytest.approx(1e-6 * np.sqrt((49 * 77 + 9 * 1676) / (50 * 16)))
-    assert fidelity.rmse_all_pooled == pytest.approx(1e-6 * np.sqrt((49 * 183 + 9 * 1782) / (61 * 16)))
+    assert fidelity.rmsd_1 == pytest.approx(7e-6 * np.sqrt(4 / 12))
+    assert fidelity.rmsd_50 == pytest.approx(7e-6 * np.sqrt(77 / (50 * 12)))
+    assert fidelity.rmsd_all == pytest.approx(7e-6 * np.sqrt(183 / (61 * 12)))
+    # of a coordinate: a third of the squares; by step: the mean of AMOUNT in place of the root of its mean square
+    assert fidelity.rmse_1 == pytest.approx(7e-6 * np.sqrt(4 / 36)) == fidelity.rmse_1_by_step
+    assert fidelity.rmse_50 == pytest.approx(7e-6 * np.sqrt(77 / (50 * 36)))
+    assert fidelity.rmse_50_by_step == pytest.approx(7e-6 / 6 * AMOUNT[1:51].mean())
+    assert fidelity.rmse_all == pytest.approx(7e-6 * np.sqrt(183 / (61 * 36)))
+    assert fidelity.rmse_all_by_step == pytest.approx(7e-6 / 6 * AMOUNT[1:].mean())
+    assert fidelity.rmse_all_all_nodes == pytest.approx(1e-6 * np.sqrt((49 * 183 + 9 * (183 + 1599)) / (61 * 48)))
+    both = np.sqrt((49 * AMOUNT**2 + 9 * HELD**2) / 48)
+    assert fidelity.rmse_all_by_step_all_nodes == pytest.approx(1e-6 * both[1:].mean())
+    assert fidelity.rmse_50_by_step_all_nodes == pytest.approx(1e-6 * both[1:51].mean())
+    assert fidelity.rmsd_1_all_nodes == pytest.approx(1e-6 * np.sqrt((49 + 9) * 4 / 16))
+    assert fidelity.rmsd_50_all_nodes == pytest.approx(1e-6 * np.sqrt((49 * 77 + 9 * 1676) / (50 * 16)))
+    assert fidelity.rmsd_all_all_nodes == pytest.approx(1e-6 * np.sqrt((49 * 183 + 9 * 1782) / (61 * 16)))
     assert fidelity.worst_step == 37  # at frame 20 only a held node is farther off
     # The largest distance of any node: 7 AMOUNT, but 3 x 40 at frame 20; AMOUNT sums to 2 + 48 + 5 + 30 + 4 = 89 over the steps.
     assert fidelity.gf_h == pytest.approx(1e-6 * (7 * 88 + 120) / 61)
@@ -53,9 +67,9 @@ def test_rmse_1_is_over_all_frames_that_were_predicted_from_the_true_one_before(
     one_step[:, held] += 1e-6 * np.arange(1, 62)[:, None] * [1, -2, 2]
     fidelity = verify(prediction, truth, one_step=one_step, **how)
     squares = 61 * 62 * 123 / 6  # 1 + 4 + .. + 61^2
-    assert fidelity.rmse_1 == pytest.approx(7e-6 * np.sqrt(squares / (61 * 12)))
-    assert fidelity.rmse_1_pooled == pytest.approx(1e-6 * np.sqrt(58 * squares / (61 * 16)))
-    assert fidelity.rmse_50 == pytest.approx(7e-6 * np.sqrt(77 / (50 * 12)))
+    assert fidelity.rmsd_1 == pytest.approx(7e-6 * np.sqrt(squares / (61 * 12)))
+    assert fidelity.rmsd_1_all_nodes == pytest.approx(1e-6 * np.sqrt(58 * squares / (61 * 16)))
+    assert fidelity.rmsd_50 == pytest.approx(7e-6 * np.sqrt(77 / (50 * 12)))
 
 
 # Per cent of stretch and of shear towards y and z of each box, frames 0 .. 7. Of these 1, 4 and 7 are checked.
@@ -164,10 +178,12 @@ def test_on_request_the_mesh_is_judged_at_a_few_frames_and_one_reference_serves_
 
 def test_the_report_is_the_figures_under_their_names(planes):
     table = as_table(planes[0])
-    assert list(table) == ["rmse_1", "rmse_50", "rmse_all", "rmse_1_pooled", "rmse_50_pooled", "rmse_all_pooled", "gf_h", "gf_c", "mc",
-                           "ar", "relative_residual", "energy_error", "reaction_error", "stress_error", "estimated_error",
-                           "effectivity", "largest_penetration", "smallest_det_f", "smallest_scaled_jacobian", "inverted_elements",
-                           "worst_step"]
+    published = [f"rmse_{steps}{how}{nodes}" for nodes in ("", "_all_nodes") for how in ("", "_by_step") for steps in ("1", "50", "all")]
+    distances = [f"rmsd_{steps}{nodes}" for nodes in ("", "_all_nodes") for steps in ("1", "50", "all")]
+    assert list(table) == [
+        *distances, *published, "gf_h", "gf_c", "mc", "ar", "relative_residual", "energy_error", "reaction_error", "stress_error",
+        "estimated_error", "effectivity", "largest_penetration", "smallest_det_f", "smallest_scaled_jacobian", "inverted_elements",
+        "worst_step"]
     assert table["inverted_elements"] == 2 and table["mc"] == planes[0].mc
 
 
@@ -186,7 +202,7 @@ def test_an_estimate_three_times_the_error_has_an_effectivity_of_three():
     # Elasticity is linear: one Newton step is the way to equilibrium, of 3 x 7 um at one of 12 nodes, squared 4 + 25 + 16 = 45.
     assert fidelity.estimated_error == pytest.approx(21e-6 * np.sqrt(45 / (3 * 12)), rel=1e-6)
     assert fidelity.effectivity == pytest.approx(3, rel=1e-6)
-    assert fidelity.rmse_all == pytest.approx(7e-6 * np.sqrt((4 + 900 + 1 + 25 + 36 + 49 + 16) / (7 * 12)))
+    assert fidelity.rmsd_all == pytest.approx(7e-6 * np.sqrt((4 + 900 + 1 + 25 + 36 + 49 + 16) / (7 * 12)))
     assert fidelity.worst_step == 2
 
 
@@ -224,7 +240,7 @@ def test_a_prediction_that_is_not_finite_is_infinitely_wrong_and_none_of_its_cel
     for name in ("gf_h", "gf_c", "relative_residual", "energy_error", "reaction_error", "stress_error", "estimated_error"):
         if name != "reaction_error":  # the first box is whole
             assert getattr(fidelity, name) == np.inf, name
-    assert not np.isfinite(fidelity.rmse_all) and fidelity.rmse_1 == 0
+    assert not np.isfinite(fidelity.rmsd_all) and fidelity.rmsd_1 == 0
     assert fidelity.inverted_elements == 2 and fidelity.worst_step == 4
 
 
@@ -236,6 +252,42 @@ def test_one_step_of_a_path_that_has_not_begun_to_move_is_no_number():
     late[1, plane > 0] = 0
     how = {"scene": scene, "mesh": mesh, "free": plane > 0, "sample": 1}
     figures = verify(late, late, **how)
-    assert np.isnan(figures.rmse_1) and np.isnan(figures.rmse_1_pooled) and figures.rmse_all == 0
-    assert verify(truth, truth, **how).rmse_1 == 0 and truth[1, plane > 0].any()
-    assert verify(late, late, one_step=late[1:], **how).rmse_1 == 0
+    assert np.isnan(figures.rmsd_1) and np.isnan(figures.rmsd_1_all_nodes) and figures.rmsd_all == 0
+    assert verify(truth, truth, **how).rmsd_1 == 0 and truth[1, plane > 0].any()
+    assert verify(late, late, one_step=late[1:], **how).rmsd_1 == 0
+
+
+def test_figures_of_several_paths_are_means_extremes_and_of_errors_as_published_the_root_of_the_mean_square():
+    keys = ("rmsd_all", "rmse_1", "rmse_all", "rmse_all_by_step", "rmse_50_all_nodes", "rmse_1_by_step_all_nodes", "smallest_det_f")
+    found = gathered([dict.fromkeys(keys, 1.0), dict.fromkeys(keys, 7.0) | {"rmse_1": np.nan}])
+    assert found == pytest.approx({"rmsd_all": 4.0, "rmse_1": 1.0, "rmse_all": 5.0, "rmse_all_by_step": 4.0, "rmse_50_all_nodes": 5.0,
+                                   "rmse_1_by_step_all_nodes": 4.0, "smallest_det_f": 1.0})
+
+
+def test_a_body_in_a_plane_has_two_coordinates():
+    mesh = build_mesh(Body(shape="plate", length=1.0, width=1.0, cells=(2, 1), cell="triangle", plane="strain", thickness=0.1))
+    truth = np.zeros((3, len(mesh.points), 3))
+    prediction = truth + [3e-3, 4e-3, 0]
+    free = np.ones(len(mesh.points), bool)
+    found = verify(prediction, truth, scene=None, mesh=mesh, free=free)
+    assert found.rmsd_all == pytest.approx(5e-3) and found.rmse_all == found.rmse_all_by_step == pytest.approx(5e-3 / 2**0.5)
+    truth[2, 0, 2] = 1e-9  # a cloth, which leaves its plane
+    assert verify(prediction, truth, scene=None, mesh=mesh, free=free).rmse_all == pytest.approx(5e-3 / 3**0.5)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_plane_cells_have_the_figures_of_their_plane_and_those_of_a_cloth_no_volume(cell):
+    """The second of two squares becomes a tenth shorter, which the truth does not."""
+    mesh = rectangle(Body(shape="plate", length=2.0, width=1.0, cells=(2, 1), cell=cell))
+    moved = np.zeros((2, len(mesh.points), 3))
+    moved[1, mesh.points[:, 0] == 2.0, 0] = -0.1
+    found = verify(moved, np.zeros_like(moved), scene=None, mesh=mesh, free=np.ones(len(mesh.points), bool))
+    assert found.smallest_det_f == pytest.approx(0.9) and found.inverted_elements == 0
+    if cell == "triangle":
+        # Four triangles in a row, of 0.5, 0.5, 0.45 and 0.45 m2: the inner two have neighbours of which one is 1/0.9 times the other.
+        assert found.mc == pytest.approx((0 + 1 / 9 + 1 / 9 + 0) / 4, rel=1e-6)
+    else:
+        assert found.mc == 0 and found.ar == pytest.approx((0.9**-0.5 - 1) / 2, rel=1e-6)  # one neighbour each; sides of 1 over sqrt(0.9)
+    moved[1, 0, 2] = 0.01
+    cloth = verify(moved, np.zeros_like(moved), scene=None, mesh=mesh, free=np.ones(len(mesh.points), bool))
+    assert np.isnan(cloth.smallest_det_f) and np.isnan(cloth.inverted_elements) and np.isfinite([cloth.mc, cloth.ar]).all()

@@ -109,6 +109,10 @@ def test_a_mode_goes_through_one_period_by_a_sixth_of_the_body(tmp_path, drawn, 
     view.mode_picture(tmp_path / "s.png", MESH, scalar)
     assert len(drawn) == 1 and not drawn[0]["displacement"].any() and drawn[0]["outline"] is None
     assert drawn[0]["colour"] == pytest.approx(scalar / 4) and drawn[0]["limits"] == (-1, 1) and drawn[0]["cmap"] == "RdBu_r"
+    drawn.clear()
+    view.mode_film(tmp_path / "s.gif", MESH, scalar, frames=4)  # its colours change their sides where a displacement's come back
+    for phase, call in zip((1, 0, -1, 0), drawn, strict=True):
+        assert call["colour"] == pytest.approx(phase * scalar / 4, abs=1e-15) and not call["displacement"].any()
 
 
 def test_pictures_of_modes_are_numbered_from_one(tmp_path, monkeypatch):

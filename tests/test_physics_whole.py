@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from physics.whole import write_whole, written_whole
+from physics.whole import folder_whole, write_whole, written_whole
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
@@ -62,3 +62,11 @@ def test_a_name_in_a_folder_that_is_there_already(tmp_path: Path) -> None:
     for content in (b"one", b"two"):
         write_whole(str(tmp_path / "file"), content)
     assert (tmp_path / "file").read_bytes() == b"two"
+
+
+def test_files_of_a_new_folder_move_into_folders_of_any_depth(tmp_path: Path) -> None:
+    with folder_whole(tmp_path / "a" / "set") as part:
+        (part / "x" / "y").mkdir(parents=True)
+        (part / "x" / "y" / "file").write_bytes(b"deep")
+    assert (tmp_path / "a" / "set" / "x" / "y" / "file").read_bytes() == b"deep"
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "file", "set", "x", "y"]

@@ -90,8 +90,8 @@ def test_a_predictor_of_ones_own_is_verified_and_becomes_a_row_of_the_report(fol
         run([*words, "--only", "trivial", "--refined", "0", "--repeats", "1"])
         errors.append({row["name"]: row["scores"] for row in json.loads((folder / "pareto" / "report.json").read_text())["rows"]})
     assert [next(iter(rows)) for rows in errors] == ["my model"] * 2 and errors[1]["my model"]["ms_per_step"] == pytest.approx(2.5)
-    assert errors[1]["my model"]["rmse_all"] == pytest.approx(0.01 * errors[1]["nothing moves"]["rmse_all"], rel=1e-4)
-    assert errors[0]["my model"]["rmse_all"] < errors[0]["nothing moves"]["rmse_all"]
+    assert errors[1]["my model"]["rmsd_all"] == pytest.approx(0.01 * errors[1]["nothing moves"]["rmsd_all"], rel=1e-4)
+    assert errors[0]["my model"]["rmsd_all"] < errors[0]["nothing moves"]["rmsd_all"]
 
 
 def test_the_python_of_the_page_on_python_runs(folder, monkeypatch):

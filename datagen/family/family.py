@@ -1,4 +1,4 @@
-"""A family of scenes: a scene file whose values may be ranges, and whose obstacle may be placed relative to the body.
+"""A family of scenes: a scene file whose values may be ranges, and whose obstacles may be placed relative to the body.
 
     length = { uniform = [0.1, 0.12] }                  any number, also inside arrays
     young_modulus = { log-uniform = [1e5, 1e7] }
@@ -125,10 +125,15 @@ def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
     body = table.get("body")
     if isinstance(body, dict) and isinstance(body.get("path"), str):
         body["path"] = str(family.folder / body["path"])
-    obstacle = table.get("obstacle")
-    if isinstance(obstacle, dict) and "place" in obstacle:
-        table["obstacle"] = placed(table)
+    if isinstance(obstacles := table.get("obstacle"), list):
+        table["obstacle"] = [_placed(table, obstacle) for obstacle in obstacles]
+    elif obstacles is not None:
+        table["obstacle"] = _placed(table, obstacles)
     return read_scene(table)
+
+
+def _placed(table: dict[str, Any], obstacle: Any) -> Any:
+    return placed({**table, "obstacle": obstacle}) if isinstance(obstacle, dict) and "place" in obstacle else obstacle
 
 
 def drawn(family: Family, seed: int, index: int, attempt: int = 0) -> dict[str, Any]:

@@ -7,21 +7,26 @@ sides. Its centre moves on a straight line: from `gap` before that touch to `dep
     c(s) = touch + r n + s (-n + tan a1 t1 + tan a2 t2),   s from -gap to depth,
 
 with r the reach of the obstacle towards the face and the tilts (a1, a2) of the push. An axis lies in the face, turned by
-`turn` from t2 (on z-max: from y) towards t1. A half-space faces the body.
+`turn` from t2 (on z-max: from y) towards t1. A half-space faces the body. The faces of a body from a mesh file are those of the box
+around it, and length, width and height are its sides.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from physics.contact.obstacles import Rigid
+from physics.mesh.build import build_mesh
 from physics.scene import PLACES, Body, Obstacle, read_scene
 from physics.scene.rules import complete
 from physics.schema import InputError, quantity, read_table
 
 EXTENTS = ("length", "width", "height")
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +52,7 @@ def placed(table: dict[str, Any]) -> dict[str, Any]:
     obstacle, place = _turned(table["obstacle"])
     # Read and check all but the path, which needs the body's extent and the obstacle's size.
     scene = read_scene({**table, "obstacle": {**obstacle, "path": [[0.0, 0.0, 0.0]]}})
-    assert scene.obstacle is not None
-    return {**obstacle, "path": _path(place, scene.body, scene.obstacle)}
+    return {**obstacle, "path": _path(place, scene.body, scene.obstacles[0])}
 
 
 def placed_on(body: Body, obstacle: dict[str, Any]) -> Obstacle:
@@ -86,14 +90,32 @@ def _path(place: Place, body: Body, obstacle: Obstacle) -> list[list[float]]:
     normal, outward = divmod(PLACES.index(place.face), 2)
     first, second = (k for k in range(3) if k != normal)
     sign = 1 if outward else -1
+    low, sides = _box(body)
     touch = [0.0, 0.0, 0.0]
-    touch[first], touch[second] = place.along * body.extent[first], place.across * body.extent[second]
-    touch[normal] = (body.extent[normal] if outward else 0.0) + sign * reach(obstacle, normal, place.face)
-    unit = 1.0 if place.depth_in == "m" else body.extent[EXTENTS.index(place.depth_in)]
+    touch[first], touch[second] = low[first] + place.along * sides[first], low[second] + place.across * sides[second]
+    touch[normal] = low[normal] + (sides[normal] if outward else 0.0) + sign * reach(obstacle, normal, place.face)
+    unit = 1.0 if place.depth_in == "m" else sides[EXTENTS.index(place.depth_in)]
     way = [0.0, 0.0, 0.0]
     way[normal] = -sign
     way[first], way[second] = (math.tan(math.radians(angle)) for angle in place.direction)
     return [[c + s * w for c, w in zip(touch, way, strict=True)] for s in (-place.gap, unit * place.depth)]
+
+
+def _box(body: Body) -> tuple[Vector, Vector]:
+    """The corner of the box around a body where all coordinates are smallest, and its sides [m]."""
+    if body.shape != "file":
+        return (0.0, 0.0, 0.0), body.extent
+    assert body.path is not None
+    changed = Path(body.path).stat().st_mtime_ns if Path(body.path).is_file() else 0
+    return _box_of_file(body, changed)
+
+
+@functools.lru_cache(maxsize=8)
+def _box_of_file(body: Body, changed: int) -> tuple[Vector, Vector]:
+    """The same of a mesh file as it was at a time: it is read for every scene of a family."""
+    points = build_mesh(body).points
+    (x, y, z), (length, width, height) = points.min(axis=0).tolist(), (points.max(axis=0) - points.min(axis=0)).tolist()
+    return (x, y, z), (length, width, height)
 
 
 def reach(obstacle: Obstacle, normal: int, face: str) -> float:

@@ -67,6 +67,8 @@ def load_variation(scene: str | Path | dict[str, Any], vary: Sequence[str] = (),
 
 
 def _of(table: dict[str, Any], vary: list[str], path: Path, seed: int) -> Variation:
+    if isinstance(table.get("obstacle"), list):
+        raise InputError("one body under many obstacles has one at a time: give [obstacle] in place of [[obstacle]]")
     change(table, vary, "--vary")
     places = list(_ranges(table, ""))
     if table.get("case"):

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from datagen.files.layout import displacements
 from datagen.files.trajectory import Trajectory
 from physics.contact.obstacles import Rigid
 from physics.scene import Scene
-from physics.schema import InputError
 from physics.whole import write_whole
 
 
@@ -35,8 +35,8 @@ class Inputs:
     edges: NDArray[np.int64]  # (E, 2) of the cells, each once
     free: NDArray[np.bool_]  # (N,) the nodes that are to be predicted
     held: NDArray[np.float32]  # (T, N, 3) displacement of the others, which is given; 0 on free nodes
-    pose: NDArray[np.float64] | None  # (T, 3) the obstacle's centre in each frame; None without one
-    obstacle_points: NDArray[np.float64] | None  # (P, 3) its surface at frame 0; it moves without turning
+    pose: NDArray[np.float64] | None  # (T, 3) the obstacle's centre in each frame, of several (T, K, 3); None without one
+    obstacle_points: NDArray[np.float64] | None  # (P, 3) its surface at frame 0; it moves without turning. Of several, one after the other
     obstacle_triangles: NDArray[np.int64] | None  # (F, 3)
     modes: NDArray[np.float32]  # (m, N, 3) elastic modes, as far as the file has them
     frames: int  # T
@@ -56,23 +56,29 @@ def inputs_of(trajectory: Trajectory) -> Inputs:
 
 
 def poses(trajectory: Trajectory) -> NDArray[np.float64] | None:
-    """(T, 3) [m] the obstacle's centre in each frame, of a set without a scene the middle of its nodes; None without an obstacle."""
+    """(T, 3) [m] the obstacle's centre in each frame, of several (T, K, 3), of a set without a scene the middle of its nodes; None
+    without an obstacle."""
     surface = trajectory.obstacle
     if surface is None:
         return None
     if "obstacle" in trajectory.per_frame:
         return np.asarray(trajectory.per_frame["obstacle"], np.float64)
     scene = Scene.from_toml(trajectory.scene) if trajectory.scene else None
-    if scene is None or scene.obstacle is None:
+    if scene is None or not scene.obstacles:
         return np.asarray(surface[0].mean(axis=1))
-    return centres(scene, len(trajectory.displacement))
+    found = centres(scene, len(trajectory.displacement))
+    return found[:, 0] if len(scene.obstacles) == 1 else found
 
 
 def centres(scene: Scene, frames: int) -> NDArray[np.float64]:
-    """(frames, 3) [m] where the centre of a scene's obstacle is in its first frames."""
-    assert scene.obstacle is not None
-    rigid = Rigid(scene.obstacle)
-    return np.array([rigid.position(step / scene.steps.count) for step in range(frames)])
+    """(frames, K, 3) [m] where the centres of a scene's K obstacles are in its first frames."""
+    rigid = [Rigid(obstacle) for obstacle in scene.obstacles]
+    return np.array([[one.position(step / scene.steps.count) for one in rigid] for step in range(frames)]).reshape(frames, len(rigid), 3)
+
+
+def numbered(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Values (T, K, 3) of each of K obstacles as a trajectory holds them: by their name, of several as name_1, name_2, ..."""
+    return {name: values[:, 0]} if values.shape[1] == 1 else {f"{name}_{k + 1}": values[:, k] for k in range(values.shape[1])}
 
 
 def predicted(trajectory: Trajectory, displacement: ArrayLike, *, name: str = "", seconds_per_step: float | None = None) -> Trajectory:
@@ -85,10 +91,8 @@ def predicted(trajectory: Trajectory, displacement: ArrayLike, *, name: str = ""
     Raises:
         InputError: another shape
     """
-    u, body = np.asarray(displacement, np.float32), trajectory.body
-    right = (len(trajectory.displacement), int(body.sum()), 3)
-    if u.shape != right:
-        raise InputError(f"displacements of shape {u.shape}: must be {right}, frames from the rest state on, nodes of the body, x y z")
+    body = trajectory.body
+    u = displacements(displacement, len(trajectory.displacement), int(body.sum()), "nodes of the body")
     whole = trajectory.displacement.copy()
     whole[:, body] = u
     extra: dict[str, Any] = {"name": name} if name else {}

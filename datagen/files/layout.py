@@ -1,12 +1,14 @@
-"""Whether what was read from a trajectory file has the shapes and kinds that its layout says, so that nothing behind has to ask."""
+"""Whether what was read from a trajectory file, or is to be written, has the shapes and kinds of its layout, so that nobody else asks."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from physics.mesh.cell import OF_VTK
+from physics.schema import InputError
 
 EXTRA = {"linear_steps": int, "factorisations": int, "tolerance": float, "seconds": float, "step_seconds": float, "seconds_per_step": float,
          "failure": str, "imported": str, "model": dict, "mesh_file": dict, "failed_attempts": list, "laplacian_eigenvalues": list}
@@ -41,3 +43,16 @@ def misshapen(made: Any) -> str:
         if not isinstance(value, (int, float) if kind is float else kind) or value != value:
             return f"extra has {name} = {str(value)[:40]!r}"
     return ""
+
+
+def displacements(given: ArrayLike, frames: int | None, nodes: int, of: str) -> NDArray[Any]:
+    """Displacements as an array (T, n, 3). Raises `InputError` in one line that says which shape is right, and of which nodes."""
+    try:
+        u = np.asarray(given)
+        u = u if u.dtype.kind in "fiu" else u.astype(np.float64)
+    except (ValueError, TypeError, RuntimeError) as error:  # torch raises the last
+        raise InputError(f"displacement is no array of numbers: {str(error).splitlines()[0]}") from None
+    if u.ndim != 3 or not len(u) or u.shape[1:] != (nodes, 3) or frames not in (None, len(u)):
+        right = f"({frames or 'T'}, {nodes}, 3), frames from the rest state on, {of}, x y z"
+        raise InputError(f"displacement has shape {u.shape}: must be {right}")
+    return u

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.files.places import remarks_on_file
 from datagen.files.solved import as_solved, solved_on
 from datagen.files.trajectory import Trajectory, holds_positions, read_sound, read_trajectory
 from physics.fidelity.figures import FIGURES, gathered, shown, verdict
@@ -103,7 +104,8 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
 
     Returns:
         the figures of `physics.fidelity.verify.Fidelity` in SI units, of several files their means, of extremes the extreme;
-        "nothing_moves": those of a body that stays at rest; "units", "verdict" in words, and for folders "files": the figures of each
+        "nothing_moves": those of a body that stays at rest; "units", "verdict" in words, "remarks" on mesh files, and
+        for folders "files": the figures of each
 
     Where the reference has no scene, those of the equations are not numbers.
 
@@ -112,19 +114,21 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
     """
     pairs = _pairs(Path(prediction), Path(reference))
     several, each, still, worst = Path(prediction).is_dir(), {}, [], None
+    remarks: dict[str, None] = {}
     for name, file, truth_file in pairs:
         truth, scene, mesh = read_reference(truth_file)
         (u, _), body = read_prediction(file, truth, truth_file), truth.body
         v, free = truth.displacement[:, body], truth.free[body]
+        remarks |= dict.fromkeys(remarks_on_file(truth.extra))
         found = as_table(verify(u, v, scene=scene, mesh=mesh, free=free))
         still.append(as_table(verify(np.where(free[:, None], 0, v), v, scene=scene, mesh=mesh, free=free)))
         each[name] = found
-        if worst is None or found["rmse_all"] > worst[0]:
-            worst = found["rmse_all"], mesh, u, v, found["worst_step"], truth.obstacle
+        if worst is None or found["rmsd_all"] > worst[0]:
+            worst = found["rmsd_all"], mesh, u, v, found["worst_step"], truth.obstacle
     figures = _gathered(list(each.values())) if several else next(iter(each.values()))
     idle = _gathered(still)
     result = {**figures, "nothing_moves": idle, "units": {name: column.si for name, column in FIGURES.items()},
-              "verdict": verdict(figures, idle)} | ({"files": each} if several else {})
+              "verdict": verdict(figures, idle), "remarks": list(remarks)} | ({"files": each} if several else {})
     if out is not None:
         from physics.view import ObstacleSurface, frame_picture
 
@@ -147,8 +151,8 @@ def lines(result: dict[str, Any]) -> list[str]:
     if "worst_step" in result:
         said.append(f"{'farthest off at frame':24s} {result['worst_step']:12d}")
     for name, figures in result.get("files", {}).items():
-        said.append(f"{name}: RMSE-all {shown(1e3 * figures['rmse_all'])} mm, residual {shown(figures['relative_residual'])}")
-    return [*said, result["verdict"]]
+        said.append(f"{name}: RMSD-all {shown(1e3 * figures['rmsd_all'])} mm, residual {shown(figures['relative_residual'])}")
+    return [*said, result["verdict"], *(f"remark: {text}" for text in result["remarks"])]
 
 
 def _gathered(each: list[dict[str, Any]]) -> dict[str, float]:
@@ -159,6 +163,8 @@ def _pairs(prediction: Path, reference: Path) -> list[tuple[str, Path, Path]]:
     """Name, prediction and truth of what belongs together. Raises `InputError`."""
     if not (prediction.is_dir() or reference.is_dir()):
         return [(prediction.stem, prediction, reference)]
+    if missing := [path for path in (prediction, reference) if not path.exists()]:
+        raise InputError(f"{missing[0]}: no such file or folder")
     if not (prediction.is_dir() and reference.is_dir()):
         one, other = (prediction, reference) if prediction.is_dir() else (reference, prediction)
         raise InputError(f"{one} is a folder and {other} is not one: give two files, or two folders with files of the same names")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from datagen.files.trajectory import Trajectory
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
@@ -14,7 +12,7 @@ def as_solved(scene: Scene, trajectory: Trajectory, step: int) -> Scene:
     """The scene whose equations a step of its trajectory solves: under the linear law where the solver saw that it is enough."""
     if step > trajectory.extra.get("linear_steps", 0):
         return scene
-    return replace(scene, material=replace(scene.material, law="linear"))
+    return scene.under("linear")
 
 
 def solved_on(scene: Scene, trajectory: Trajectory) -> Mesh:

@@ -1,4 +1,4 @@
-"""One trajectory file: a body and its obstacle over all steps.
+"""One trajectory file: a body and its obstacles over all steps.
 
 The file is VTKHDF (HDF5 by another name): ParaView opens it with a time slider, h5py reads it as arrays. PyVista shows the first
 frame; `reader = pyvista.get_reader(path); reader.reader.SetStep(7); mesh = reader.read()` is frame 7.
@@ -18,8 +18,9 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
         NAME                    (T N, k) float32  optional: whatever else changes, such as stress (fields.py, or that of
                                                   an imported set); @fields
       FieldData                 one row for each frame
-        obstacle                (T, 3) float64   [m] its centre; a file may lack it
-        reaction                (T, 3) float64   [N] force of the body on the obstacle (without one: on its supports)
+        obstacle                (T, 3) float64   [m] its centre; a file may lack it. Of several obstacle_1, obstacle_2, ...
+        reaction                (T, 3) float64   [N] force of the body on the obstacle (without one: on its supports). Of several
+                                                 the sum; of each reaction_1, reaction_2, ...
         energy                  (T,) float64     [J] stored
         penetration             (T,) float64     [m] largest, 0 without contact
         smallest_det_f          (T,) float64
@@ -50,7 +51,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.layout import misshapen
+from datagen.files.layout import displacements, misshapen
 from datagen.files.places import Places, read_places, with_places, write_places, wrong_places
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
@@ -145,11 +146,9 @@ def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
 
 def _displacement(trajectory: Trajectory) -> NDArray[np.float32]:
     """The displacements as the file holds them. Raises `InputError` in one line that says which shape is right."""
-    u, nodes = np.asarray(trajectory.displacement), len(trajectory.points)
-    if u.ndim != 3 or not len(u) or u.shape[1:] != (nodes, 3):
-        body = int(trajectory.body.sum())
-        parts = f": those of the body ({body}) first, then those of the obstacle ({nodes - body})" if body < nodes else ""
-        raise InputError(f"displacement has shape {u.shape}: must be (T, {nodes}, 3), frames from the rest state on, nodes, x y z{parts}")
+    nodes, body = len(trajectory.points), int(trajectory.body.sum())
+    parts = f", those of the body ({body}) first, then those of the obstacle ({nodes - body})" if body < nodes else ""
+    u = displacements(trajectory.displacement, None, nodes, f"nodes{parts}")
     if holds_positions(u, trajectory.points):
         raise InputError("displacement holds positions, it seems: take the rest positions away (displacement - points)")
     return u.astype(np.float32, copy=False)

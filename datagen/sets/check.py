@@ -8,7 +8,7 @@ contact forces p >= 0 are sought that balance them (physics/fidelity/verify.py).
 The first term is what the solver was asked for. The second is what storing u costs: u is known to half a unit in its last
 place (single precision: 2^-24 |u| a component, or the tolerance of a packed set, in metres), and the d_k are that large with
 random signs. Rounding errors are uniform between these limits, so |K d| of the true ones is 1/sqrt(3) of that of the d_k on
-average; ROUNDING = 2 leaves 3.5 times the expected size. The stored reaction and energy must agree with the ones computed
+average; ROUNDING = 2 leaves 3.5 times the expected size. The stored reaction, energy and stress must agree with the ones computed
 anew within the change that the same d_k make in them.
 
 Legend: T frames, N nodes.
@@ -23,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.family.family import SPLITS
+from datagen.files.fields import Stress
+from datagen.files.inputs import centres, numbered
 from datagen.files.places import remarks_on_file
 from datagen.files.solved import as_solved, solved_on
 from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
@@ -30,6 +32,7 @@ from datagen.sets.dataset import digest, read_manifest
 from datagen.sets.workers import progress
 from physics.body.schedule import Moves
 from physics.body.supports import held
+from physics.contact.conditions import cell_size
 from physics.contact.obstacles import Rigid
 from physics.equilibrium.newton import TOLERANCE
 from physics.fem import release
@@ -110,27 +113,29 @@ def against_scene(trajectory: Trajectory, *, steps: int = 5) -> list[str]:
     det = smallest_det_f(mesh.points, body, mesh.cells, mesh.cell)
     if not det.min() > 0:
         found.append(f"det F = {det.min():.2g} at step {det.argmin()}: a cell is inverted")
-    if scene.obstacle is not None:
-        found += _against_obstacle(trajectory, scene, mesh, fixed, rounding)
+    if scene.obstacles:
+        found += _against_obstacles(trajectory, scene, mesh, fixed, rounding)
     return found or ([] if scene.steps.dynamic else _against_equilibrium(trajectory, scene, mesh, steps))
 
 
-def _against_obstacle(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: NDArray[np.bool_], rounding: float) -> list[str]:
-    """What contradicts the obstacle's motion and its hardness."""
-    assert scene.obstacle is not None
-    rigid, steps, found = Rigid(scene.obstacle), scene.steps.count, []
-    way = np.array([rigid.position(step / steps) for step in range(steps + 1)])  # (T, 3)
-    moved = trajectory.displacement[:, trajectory.node_kind == OBSTACLE]
-    off = abs(moved - (way - way[0])[:, None]).max(initial=0.0)
-    if off > rounding:
-        found.append(f"the obstacle leaves its path by {off:.2g} m")
+def _against_obstacles(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: NDArray[np.bool_], rounding: float) -> list[str]:
+    """What contradicts the motion of the obstacles and their hardness."""
+    found, way = [], centres(scene, scene.steps.count + 1)  # (T, K, 3)
     loose = np.flatnonzero(~fixed.all(axis=1))
     body = mesh.points[loose] + trajectory.displacement[:, loose].astype(np.float64)
-    deepest = np.array([-rigid.gap(x, centre)[0].min() for x, centre in zip(body, way, strict=True)])
-    deepest = np.maximum(deepest, trajectory.per_frame.get("penetration", 0.0))
-    limit = PENETRATION * float(np.ptp(mesh.points, axis=0).min())
-    if deepest.max() > limit:
-        found.append(f"the obstacle penetrates {deepest.max():.2g} m at step {deepest.argmax()}; {limit:.2g} m is allowed")
+    limit, each = PENETRATION * float(mesh.extent.min()), [Rigid(obstacle) for obstacle in scene.obstacles]
+    around = [rigid.surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2)[0] for rigid in each[:-1]]
+    ends = np.cumsum([len(points) for points in around], dtype=np.int64)
+    moved = np.split(trajectory.displacement[:, trajectory.node_kind == OBSTACLE], ends, axis=1)
+    for k, rigid in enumerate(each):
+        name = "the obstacle" if len(each) == 1 else f"obstacle {k + 1}"
+        off = abs(moved[k] - (way[:, k] - way[0, k])[:, None]).max(initial=0.0)
+        if off > rounding:
+            found.append(f"{name} leaves its path by {off:.2g} m")
+        deepest = np.array([-rigid.gap(x, centre)[0].min() for x, centre in zip(body, way[:, k], strict=True)])
+        deepest = np.maximum(deepest, trajectory.per_frame.get("penetration", 0.0))
+        if deepest.max() > limit:
+            found.append(f"{name} penetrates {deepest.max():.2g} m at step {deepest.argmax()}; {limit:.2g} m is allowed")
     return found
 
 
@@ -139,6 +144,8 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
     count, nodes = scene.steps.count, len(mesh.points)
     release()
     checkers: dict[Scene, Checker] = {}
+    fields = [trajectory.fields[name] for name in ("stress", "von_mises") if name in trajectory.fields]
+    stresses, held_stress = (Stress(mesh, scene.material), np.concatenate(fields, axis=2)[:, :nodes]) if len(fields) == 2 else (None, None)
     blur, random = precision(trajectory)[:, :nodes], np.random.default_rng(0)
     for t in np.unique(np.linspace(count / steps, count, steps).round().astype(int)):
         solved = as_solved(scene, trajectory, t)
@@ -147,15 +154,18 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
         elasticity, fixed = balance.elasticity, balance.fixed
         u = trajectory.displacement[t, :nodes].astype(np.float64)
         found, force = checker.frame(u, t / count), elasticity.force(u)
-        lost = lost_energy = lost_reaction = 0.0
+        lost = lost_energy = lost_reaction = lost_stress = 0.0
+        stress = np.zeros((nodes, 7)) if stresses is None else stresses.at(u, solved.material)
         for _ in range(3):
             near = np.where(fixed, u, u + blur[t] * random.choice((-1.0, 1.0), u.shape))
             other = checker.frame(near, t / count)
             lost = max(lost, float(np.linalg.norm(elasticity.force(near) - force)))
             lost_energy = max(lost_energy, abs(other.energy - found.energy))
-            lost_reaction = max(lost_reaction, float(np.linalg.norm(other.reaction - found.reaction)))
+            lost_reaction = max(lost_reaction, float(np.linalg.norm(other.reactions - found.reactions)))
+            if stresses is not None:
+                lost_stress = max(lost_stress, float(abs(stresses.at(near, solved.material) - stress).max()))
         # The solver stops at its floor where rounding in f itself takes over.
-        scale = max(float(np.linalg.norm(found.reaction)), float(np.linalg.norm(force[fixed])))
+        scale = max(found.push, float(np.linalg.norm(force[fixed])))
         allowed = max(TOLERANCE * scale, balance.floor) + ROUNDING * lost
         if not found.residual <= allowed:
             return [f"no equilibrium at step {t}: |R| = {found.residual:.2g} N, where rounding allows {allowed:.2g} N"]
@@ -165,8 +175,13 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
         room = 1e-9 * abs(found.energy) + balance.floor * balance.size + ROUNDING * lost_energy
         if stored is not None and not abs(stored[t] - found.energy) <= room:
             return [f"energy {stored[t]:.6g} J at step {t}, computed anew {found.energy:.6g} J"]
-        stored = trajectory.per_frame.get("reaction")
-        # What the solver left over may be missing in the sum as well.
-        if stored is not None and not np.linalg.norm(stored[t] - found.reaction) <= allowed + ROUNDING * lost_reaction:
-            return [f"reaction {np.round(stored[t], 6).tolist()} N at step {t}, computed anew {np.round(found.reaction, 6).tolist()} N"]
+        for name, (anew,) in (numbered("reaction", found.reactions[None]) | {"reaction": found.reaction[None]}).items():
+            stored = trajectory.per_frame.get(name)
+            # What the solver left over may be missing in the sum as well.
+            if stored is not None and not np.linalg.norm(stored[t] - anew) <= allowed + ROUNDING * lost_reaction:
+                return [f"{name} {np.round(stored[t], 6).tolist()} N at step {t}, computed anew {np.round(anew, 6).tolist()} N"]
+        if held_stress is not None:
+            off = float(abs(held_stress[t] - stress).max())
+            if not off <= 2 * HALF_ULP * float(abs(stress).max()) + ROUNDING * lost_stress:
+                return [f"stress at step {t} is off by {off:.2g} Pa from that of its displacements"]
     return []

@@ -96,7 +96,8 @@ def digest(trajectory: Trajectory) -> str:
     """SHA-256 over the mesh and every result; segments, timings and versions play no part."""
     arrays = {name: getattr(trajectory, name)
               for name in ("points", "connectivity", "offsets", "types", "node_kind", "displacement", "modes")}
-    found = {name: array for name, array in sorted(trajectory.per_frame.items()) if name != "obstacle"}  # which the scene prescribes
+    # Where the obstacles are the scene prescribes.
+    found = {name: array for name, array in sorted(trajectory.per_frame.items()) if not name.startswith("obstacle")}
     arrays |= {"frequencies_hz": np.array(trajectory.frequencies_hz)} | found | trajectory.fields
     arrays |= {f"place {name} {kind}": array for name, place in sorted((trajectory.places or {}).items())
                for kind, array in sorted(place.items())}

@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 
 from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, draw
-from datagen.files.inputs import centres
+from datagen.files.fields import stress_fields
+from datagen.files.inputs import centres, numbered
 from datagen.files.places import mesh_file, places_of
 from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
@@ -37,7 +38,7 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.modes.elastic import elastic_modes
 from physics.motion.inertia import inertia
-from physics.scene import Body, Scene, Steps
+from physics.scene import PLANE_CELLS, Body, Material, Scene, Steps
 from physics.schema import InputError
 from physics.solution import Solution, solve
 
@@ -50,14 +51,14 @@ class OverTime(RuntimeError):
 
 
 def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int = 0, index: int = 0,
-                  on_step: Callable[[int], None] | None = None) -> Trajectory:
-    """The solution of a scene, computed unless given, with its first elastic mode and the obstacle's surface moving along.
+                  on_step: Callable[[int], None] | None = None, stress: bool = False) -> Trajectory:
+    """The solution of a scene, computed unless given, with its first elastic mode and the obstacles' surfaces moving along.
 
     Modes within 2 % of the first frequency belong to it, as the two bending planes of a square beam do: all are kept, four at most.
 
     When the solver stops early the trajectory holds the steps before, is not `complete`, and `extra` says why under
     "failure". `extra` also holds what was modelled, the seconds it took and the number of factorisations. `on_step` is
-    called with the number of each step that is reached.
+    called with the number of each step that is reached; with `stress` that at the nodes is kept (files/fields.py).
 
     Raises:
         InputError: the scene has no solution to look for
@@ -70,13 +71,16 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
     first = np.flatnonzero(np.array(modes.frequencies_hz) <= CLUSTER * modes.frequencies_hz[0])
     nodes, frames = len(mesh.points), len(solution.displacement)
     kind = np.where(fixed.all(axis=1), HANDLE, NORMAL)  # what is held in part moves by itself in the rest
-    points, triangles, moved, way = mesh.points, np.empty((0, 3), np.int64), np.empty((frames, 0, 3)), {}
-    if scene.obstacle is not None:
-        rigid, size = Rigid(scene.obstacle), cell_size(mesh)
-        around, triangles = rigid.surface_mesh(mesh.points, size=size)
-        way = {"obstacle": centres(scene, frames)}
-        moved = np.repeat((way["obstacle"] - rigid.path[0])[:, None], len(around), axis=1)
-        points = np.concatenate([mesh.points, around])
+    points, triangles, path = mesh.points, np.empty((0, 3), np.int64), [solution.displacement]
+    way = centres(scene, frames)
+    for obstacle, centre in zip(scene.obstacles, way.transpose(1, 0, 2), strict=True):
+        rigid = Rigid(obstacle)
+        around, facets = rigid.surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2)
+        triangles = np.concatenate([triangles, facets + len(points) - nodes])
+        path.append(np.repeat((centre - rigid.path[0])[:, None], len(around), axis=1))
+        points = np.concatenate([points, around])
+    of_each = (numbered("obstacle", way) if scene.obstacles else {}) | (
+        {} if solution.reactions is None else numbered("reaction", solution.reactions))
     from_file = scene.body.shape == "file"
     corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
     shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
@@ -87,20 +91,21 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         extra["mesh_file"] = mesh_file(scene)
     if scene.steps.dynamic and scene.steps.duration is not None:
         extra["step_seconds"] = scene.steps.duration / scene.steps.count
-    return Trajectory(
+    trajectory = Trajectory(
         points=points,
         connectivity=np.concatenate([mesh.cells.ravel(), nodes + triangles.ravel()]),
         offsets=np.concatenate([[0], np.cumsum(corners)]),
         types=np.repeat([CELLS[mesh.cell].vtk, CELLS["triangle"].vtk], [len(mesh.cells), len(triangles)]).astype(np.uint8),
         node_kind=np.concatenate([kind, np.full(len(points) - nodes, OBSTACLE)]).astype(np.uint8),
-        displacement=np.concatenate([solution.displacement, moved], axis=1).astype(np.float32),
+        displacement=np.concatenate(path, axis=1).astype(np.float32),
         modes=shapes.astype(np.float32), frequencies_hz=tuple(float(modes.frequencies_hz[i]) for i in first),
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
                    "relative_residual": solution.relative_residual, "snap": solution.snap, "released": solution.released,
-                   **moving, **way},
+                   **moving, **of_each},
         scene=scene.to_toml(), seed=seed, index=index, versions=versions(), commit=commit(), complete=not solution.failure,
         extra=extra, places=places_of(mesh) if from_file else None)
+    return dataclasses.replace(trajectory, fields=stress_fields(scene, solution, trajectory)) if stress else trajectory
 
 
 @dataclass(frozen=True)
@@ -113,18 +118,19 @@ class Job:
     seed: int
     index: int
     time_limit: float = math.inf  # [s] for one attempt
+    stress: bool = False
 
 
-def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_limit: float = math.inf) -> list[Job]:
+def jobs_of(family: Family, splits: dict[str, int], out: Path, seed: int, time_limit: float = math.inf, stress: bool = False) -> list[Job]:
     """The files of a data set, in order. Raises `InputError` for a bad seed."""
     if seed < 0:
         raise InputError(f"seed = {seed}: must be at least 0")
-    return [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * LARGEST_SPLIT + number, time_limit)
+    return [Job(family, out, dataset.file_name(split, number), seed, SPLITS.index(split) * LARGEST_SPLIT + number, time_limit, stress)
             for split, wanted in splits.items() for number in range(wanted)]
 
 
 def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: int = 0, workers: int | None = None,
-             cluster: str = "", tls: Sequence[str] = (), time_limit: float = math.inf) -> dict[str, Any]:
+             cluster: str = "", tls: Sequence[str] = (), time_limit: float = math.inf, stress: bool = False) -> dict[str, Any]:
     """Make a folder of trajectories, or what is missing of it, and its manifest.
 
     Args:
@@ -135,6 +141,7 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         tls: for one at tls://, the files of its authority's certificate, of our certificate and of its key
         time_limit: [s] for each attempt at a scene; one that takes longer counts as failed, so with a limit the set may
             depend on the machine
+        stress: keep stress at the nodes in the files, too (files/fields.py)
 
     Returns:
         the numbers of trajectories asked for, of new ones, of failed attempts at them, and the seconds it took
@@ -152,7 +159,7 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         raise InputError(f"time limit {time_limit:g} s: must be above 0")
     if cluster:  # its workers are at home elsewhere
         family = dataclasses.replace(family, folder=family.folder.absolute())
-    jobs = jobs_of(family, splits, out, seed, time_limit)
+    jobs = jobs_of(family, splits, out, seed, time_limit, stress)
     scenes = [draw(family, seed, job.index) for job in jobs]
     manifest = _open(out, family, seed)
     known = {entry.file: entry.sha256 for entry in manifest.trajectories}
@@ -210,7 +217,8 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
         release()
         try:
             scene = draw(job.family, job.seed, job.index, attempt)
-            trajectory = trajectory_of(scene, seed=job.seed, index=job.index, on_step=_clock(job.time_limit, scene.steps.count))
+            clock = _clock(job.time_limit, scene.steps.count)
+            trajectory = trajectory_of(scene, seed=job.seed, index=job.index, on_step=clock, stress=job.stress)
         except (InputError, RuntimeError) as error:
             reasons.append(str(error).splitlines()[0])
             continue
@@ -247,6 +255,8 @@ def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
     scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ())))
     if (found.seed, found.index) != (job.seed, job.index) or problems(found) or not _of(scene, found):
         return None
+    if job.stress and "stress" not in found.fields:
+        return None
     entry = dataset.entry_of(job.file, found)
     return entry if known.get(job.file, entry.sha256) == entry.sha256 else None
 
@@ -266,8 +276,10 @@ def _of(scene: Scene, found: Trajectory) -> bool:
 def compile_forms(scenes: list[Scene]) -> None:
     """Compile what the workers will need, before they start: at once they would race for the cache on disk."""
     cell_of = {body: build_mesh(body).cell if body.shape == "file" else body.cell for body in {scene.body for scene in scenes}}
-    for cell, like in {(cell_of[scene.body], scene.material.law): (cell_of[scene.body], scene) for scene in scenes}.values():
+    for cell, plane, law in {(cell_of[scene.body], scene.body.plane, own.law): None for scene in scenes for own in scene.materials}:
         body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=cell)
-        scene = Scene(body=body, material=like.material, steps=Steps(count=1))
+        if cell in PLANE_CELLS:
+            body = Body(shape="plate", length=1.0, width=1.0, cells=(1, 1), cell=cell, plane=plane)
+        scene = Scene(body=body, material=Material(law=law, young_modulus=1.0, poisson_ratio=0.3), steps=Steps(count=1))
         solve(scene)
         elastic_modes(scene, count=1)

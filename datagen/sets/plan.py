@@ -63,13 +63,11 @@ def _diameter(graph: scipy.sparse.csr_matrix) -> int:
 def figures(scene: Scene) -> dict[str, Any]:
     """What is known of one scene before it is solved."""
     mesh = build_mesh(scene.body)
-    nodes, obstacle = len(mesh.points), "none"
-    if scene.obstacle is not None:
-        nodes += len(Rigid(scene.obstacle).surface_mesh(mesh.points, size=cell_size(mesh))[0])
-        obstacle = scene.obstacle.shape
+    around = [Rigid(obstacle).surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2) for obstacle in scene.obstacles]
+    nodes = len(mesh.points) + sum(len(points) for points, _ in around)
     length, width = np.ptp(mesh.points[:, :2], axis=0)
     return {"nodes": nodes, "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
-            "steps": scene.steps.count, "xy_extent": float(length * width), "obstacle": obstacle,
+            "steps": scene.steps.count, "xy_extent": float(length * width), "obstacle": scene.pressed_by,
             "support": " and ".join(str(support.where) for support in scene.support) or "none"}
 
 

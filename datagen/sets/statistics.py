@@ -86,7 +86,7 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
     if trajectory.scene:
         scene = Scene.from_toml(trajectory.scene)
         row |= {"support": " and ".join(str(support.where) for support in scene.support) or "none",
-                "obstacle": scene.obstacle.shape if scene.obstacle else "none"}
+                "obstacle": scene.pressed_by}
     for name, value in trajectory.per_frame.items():
         if name == "reaction":
             row["reaction_largest"] = float(np.linalg.norm(value, axis=1).max())
@@ -94,7 +94,9 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
             row[name] = float(value.min())
         elif name == "newton_iterations":
             row[name] = float(value[1:].mean()) if len(value) > 1 else 0.0
-        elif name != "obstacle":
+        elif name.startswith("reaction_"):
+            row[f"{name}_largest"] = float(np.linalg.norm(value, axis=1).max())
+        elif not name.startswith("obstacle"):
             row[f"{name}_largest"] = float(value.max())
     if "relative_residual" in trajectory.per_frame:
         row["solver_noise"] = float(trajectory.per_frame["relative_residual"].max()) * row["displacement_rms"]
@@ -151,13 +153,13 @@ def _solved(scene: Scene, every: int, mesh: Mesh, times: int) -> tuple[NDArray[n
     """Displacements (F, N, 3) at the mesh's nodes of a scene in fewer steps, on one or two times the cells each way, and seconds."""
     scene = dataclasses.replace(scene, steps=Steps(count=scene.steps.count // every))
     release()
-    if scene.body.shape == "file":
+    if scene.body.shape in ("file", "channel"):
         of_file = mesh if times == 1 else halved(mesh)
         solution, number = solve(scene, mesh=of_file, partial=True), f"{len(of_file.cells)}"
     else:
-        nx, ny, nz = (times * n for n in scene.body.divisions)
-        body = dataclasses.replace(scene.body, cells=(nx, ny, nz), cell_size=None)
-        solution, number = solve(dataclasses.replace(scene, body=body), partial=True), f"{nx} x {ny} x {nz}"
+        cells = tuple(times * n for n in scene.body.divisions)
+        body = dataclasses.replace(scene.body, cells=cells, cell_size=None)
+        solution, number = solve(dataclasses.replace(scene, body=body), partial=True), " x ".join(map(str, cells))
     if solution.failure:
         raise RuntimeError(f"the scene with {number} cells: {solution.failure}")
     distance, node = cKDTree(solution.mesh.points).query(mesh.points)

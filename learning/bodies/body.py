@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.body.supports import held
 from physics.contact.obstacles import SHAPES, Rigid
 from physics.mesh.mesh import Mesh
 from physics.scene import Obstacle, Scene
@@ -127,8 +126,9 @@ class Body:
 
 def see(scene: Scene, mesh: Mesh) -> Body:
     """The body of a scene. Raises `InputError` in one line for a scene that is not of this kind, saying what it would have to be."""
-    obstacle = scene.obstacle
+    obstacle = scene.obstacles[0] if scene.obstacles else None
     wrong = [
+        (len(scene.obstacles) > 1, "it has several obstacles"), (len(scene.materials) > 1, "it has several materials"),
         (mesh.dimension != 3 or scene.body.order != 1, "the body is not a solid one of first-order cells"),
         (scene.steps.dynamic or bool(scene.load), "it has loads or inertia"),
         (not scene.support or any(any(s.displacement) or s.angle is not None for s in scene.support), "its supports move, or it has none"),
@@ -139,9 +139,13 @@ def see(scene: Scene, mesh: Mesh) -> Body:
         if is_wrong:
             raise InputError(f"a predictor of bodies by shapes does not take this scene: {words}")
     assert obstacle is not None
-    fixed = held(scene, mesh)
+    (material,) = scene.materials
+    fixed = np.zeros(mesh.points.shape, bool)
+    for support in scene.support:
+        for letter in support.fixed:
+            fixed[mesh.place(support.where), "xyz".index(letter)] = True
     return Body(np.asarray(mesh.points, float), fixed, _surface(mesh, obstacle.contact == "nodes"), obstacle,
-                scene.material.poisson_ratio, scene.material.law)
+                material.poisson_ratio, material.law)
 
 
 def _surface(mesh: Mesh, nodal: bool) -> Floats:

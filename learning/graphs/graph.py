@@ -3,7 +3,7 @@
 Nodes are those of the trajectory file, body first, obstacle last. Two kinds of directed edges, each in both directions:
 
     mesh edges      the edges of the body's cells and of the obstacle's surface; they never change
-    contact edges   between an obstacle node and a body node with |x_i - x_j| <= r_W; found anew in every frame
+    contact edges   between an obstacle node and a body node with |x_i - x_j| <= r_W; found anew in every frame (contact.py)
 
 Features, with X rest positions, x current positions, v = x(t+1) - x(t) [m]; every one is free of the origin:
 
@@ -16,8 +16,8 @@ Features, with X rest positions, x current positions, v = x(t+1) - x(t) [m]; eve
 The paper gives a node x_i and a mesh edge X and x. Here the changes x - X stand beside X: the same knowledge, but a strain of
 1 % is lost in the spread of x over a mesh and stands out in that of x - X. The origin O makes x_i free of where the scene is.
 
-Edges are sorted by receiver. A k-d tree finds the contact edges, so the cost is near linear in the nodes; a frame without
-any contact has empty arrays of contact edges and nothing else differs.
+Edges are sorted by receiver. A frame without any contact has empty arrays of contact edges and nothing else differs. Coarser
+graphs (levels.py), segments and encodings are there for networks that ask for them.
 
 Legend: N nodes, E mesh edges, W contact edges, K segments, B graphs in a batch.
 Source: Pfaff et al. 2021 (arXiv:2010.03409), appendix A.1; Lei et al., M4GN, section "Micro-level module".
@@ -26,19 +26,23 @@ Source: Pfaff et al. 2021 (arXiv:2010.03409), appendix A.1; Lei et al., M4GN, se
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+from learning.graphs.contact import contact_edges, with_norm, world_edges
 from learning.graphs.encoding import mesh_graph, random_walk, segment_graph
+from learning.graphs.levels import Level, hierarchy, lifted
+from learning.graphs.wants import Widths
+from learning.segments.clusters import ranks
 from learning.segments.edges import mesh_edges
 
 KINDS = (NORMAL, OBSTACLE, HANDLE)
-NODE_FEATURES, MESH_EDGE_FEATURES, CONTACT_EDGE_FEATURES = len(KINDS) + 9, 8, 4
+SOLID = Widths(node=len(KINDS) + 9, mesh_edge=8, contact_edge=4, space=3)
 
 
 @dataclass(frozen=True)
@@ -52,8 +56,10 @@ class Skeleton:
     pair: (2, E) senders and receivers of the mesh edges
     rest_edge: (E, 4) float32 rest vector and its norm [m]
     segment: (N,) segment of each node, 0 .. K-1 without gaps
+    rank: (N,) place of each node in an order along x, y, z, whatever its number
     shared: (2, M) nodes and the further segments they belong to; None without overlap
     node_code: (N, w), segment_code: (K, w) random-walk encodings; None without
+    levels: coarser graphs above the mesh
     """
 
     kind: NDArray[np.float32]
@@ -63,9 +69,27 @@ class Skeleton:
     pair: NDArray[np.int64]
     rest_edge: NDArray[np.float32]
     segment: NDArray[np.int64]
+    rank: NDArray[np.int64]
     shared: NDArray[np.int64] | None = None
     node_code: NDArray[np.float32] | None = None
     segment_code: NDArray[np.float32] | None = None
+    levels: tuple[Level, ...] = ()
+
+
+@dataclass(frozen=True)
+class Coarser:
+    """One of a graph's levels, counted through the batch.
+
+    nodes: n of all graphs
+    pair: (2, E) its mesh edges, contact_pair: (2, W) its contact edges
+    give: (2, M) nodes of the finer level and of this one; weight: (M, 1) of each pair in the pooling
+    """
+
+    nodes: int
+    pair: torch.Tensor
+    contact_pair: torch.Tensor
+    give: torch.Tensor
+    weight: torch.Tensor
 
 
 @dataclass(frozen=True)
@@ -74,8 +98,12 @@ class Graph:
 
     node: (N, 12), mesh_edge: (E, 8), contact_edge: (W, 4) features
     mesh_pair: (2, E), contact_pair: (2, W) senders and receivers
-    segment: (N,) segment of each node, counted through the batch
+    place: (N, 6) rest positions from O and displacements [m], as they stand in `node` before it is scaled
+    rank: (N,) see Skeleton
+    segment: (N,) segment of each node, counted through the batch; without segments a graph is one
     graph_of_segment: (K,) the graph of each segment, ascending from 0
+    count: B
+    scale: (2, 8) and (2, 4) means and deviations by which the features of edges were scaled; None before
     shared, node_code, segment_code: as in Skeleton, counted through the batch
     """
 
@@ -84,14 +112,42 @@ class Graph:
     mesh_pair: torch.Tensor
     contact_edge: torch.Tensor
     contact_pair: torch.Tensor
+    place: torch.Tensor
+    rank: torch.Tensor
     segment: torch.Tensor
     graph_of_segment: torch.Tensor
+    count: int = 1
+    scale: tuple[torch.Tensor, torch.Tensor] | None = None
+    levels: tuple[Coarser, ...] = ()
     shared: torch.Tensor | None = None
     node_code: torch.Tensor | None = None
     segment_code: torch.Tensor | None = None
 
+    def to(self, device: torch.device) -> Graph:
+        """The same on another device, itself where it is there already."""
+        if self.node.device == device:
+            return self
+        return _moved(self, device)
 
-def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, overlap: int = 0, walk: int = 0) -> Skeleton:
+    @property
+    def owner(self) -> torch.Tensor:
+        """(N,) the graph of each node."""
+        return self.graph_of_segment[self.segment]
+
+
+def _moved(value: Any, device: torch.device) -> Any:
+    """Tensors, and what consists of them, on a device."""
+    if isinstance(value, torch.Tensor):
+        return value.to(device, non_blocking=True)
+    if isinstance(value, tuple):
+        return tuple(_moved(part, device) for part in value)
+    if is_dataclass(value):
+        return replace(value, **{each.name: _moved(getattr(value, each.name), device) for each in fields(value)})  # type: ignore[type-var]
+    return value
+
+
+def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, overlap: int = 0, walk: int = 0,
+                   levels: int = 0) -> Skeleton:
     """The constant part of a trajectory's graphs; reads nothing of its displacement.
 
     Args:
@@ -99,6 +155,7 @@ def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, over
         segment: (N,) segment of each node, as `learning.segments.cut.segment` gives it
         overlap: 1 to let nodes also belong to the segments of their neighbours
         walk: w, steps of the longest walk of the encodings; 0 for none
+        levels: how many coarser graphs
     """
     edges = mesh_edges(trajectory)
     senders, receivers = np.concatenate([edges, edges[:, ::-1]]).T  # (2E,) each
@@ -115,7 +172,9 @@ def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, over
     if walk:
         graph = mesh_graph(pair, len(rest))
         node_code, segment_code = random_walk(graph, walk), random_walk(segment_graph(graph, label, shared), walk)
-    return Skeleton(kind, trajectory.free, rest, place, pair, _with_norm(vector), label, shared, node_code, segment_code)
+    rank = ranks(rest)
+    return Skeleton(kind, trajectory.free, rest, place, pair, with_norm(vector), label, rank, shared, node_code, segment_code,
+                    hierarchy(pair, rest, rank, levels))
 
 
 def neighbours(segment: NDArray[np.int64], pair: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -135,7 +194,7 @@ def neighbours(segment: NDArray[np.int64], pair: NDArray[np.int64]) -> NDArray[n
 
 
 def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: NDArray[np.floating], radius: float,
-                known: NDArray[np.floating] | float = 0.0) -> Graph:
+                known: NDArray[np.floating] | float = 0.0, *, world: bool = False) -> Graph:
     """The graph of one frame.
 
     Args:
@@ -143,64 +202,76 @@ def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: ND
         velocity: (N, 3) displacement to the next frame [m]; read on prescribed nodes only
         radius: r_W, the largest distance of a contact edge [m]
         known: (N, 3) what stands in its place on free nodes
+        world: contact edges join any two nodes within the radius that no mesh edge joins
     """
     velocity = np.where(skeleton.free[:, None], known, velocity).astype(np.float32)  # (N, 3)
     displacement = (positions - skeleton.rest).astype(np.float32)
     senders, receivers = skeleton.pair
-    change = _with_norm(positions[senders] - positions[receivers]) - skeleton.rest_edge  # (E, 4)
-    contact = contact_edges(positions, skeleton.kind[:, KINDS.index(OBSTACLE)] > 0, radius)
+    change = with_norm(positions[senders] - positions[receivers]) - skeleton.rest_edge  # (E, 4)
+    contact = (world_edges(positions, skeleton.pair, radius) if world else
+               contact_edges(positions, skeleton.kind[:, KINDS.index(OBSTACLE)] > 0, radius))
+    above = zip(skeleton.levels, lifted(contact, len(positions), skeleton.levels), strict=True)
     segments = int(skeleton.segment.max()) + 1
     return Graph(
         node=torch.from_numpy(np.concatenate([skeleton.kind, velocity, skeleton.place, displacement], axis=1)),
         mesh_edge=torch.from_numpy(np.concatenate([skeleton.rest_edge, change], axis=1)),
         mesh_pair=torch.from_numpy(skeleton.pair),
-        contact_edge=torch.from_numpy(_with_norm(positions[contact[0]] - positions[contact[1]])),
+        contact_edge=torch.from_numpy(with_norm(positions[contact[0]] - positions[contact[1]])),
         contact_pair=torch.from_numpy(contact),
+        place=torch.from_numpy(np.concatenate([skeleton.place, displacement], axis=1)),
+        rank=torch.from_numpy(skeleton.rank),
         segment=torch.from_numpy(skeleton.segment),
         graph_of_segment=torch.zeros(segments, dtype=torch.int64),
-        **{name: None if (array := getattr(skeleton, name)) is None else torch.from_numpy(array)
-           for name in ("shared", "node_code", "segment_code")})
+        levels=tuple(Coarser(len(level.kept), torch.from_numpy(level.pair), torch.from_numpy(touching), torch.from_numpy(level.give),
+                             torch.from_numpy(level.weight)[:, None]) for level, touching in above),
+        shared=_tensor(skeleton.shared), node_code=_tensor(skeleton.node_code), segment_code=_tensor(skeleton.segment_code))
 
 
-def contact_edges(positions: NDArray[np.float64], obstacle: NDArray[np.bool_], radius: float) -> NDArray[np.int64]:
-    """(2, W) senders and receivers: every pair of an obstacle node and a body node within a radius, in both directions."""
-    rigid = np.flatnonzero(obstacle)
-    if not len(rigid):
-        return np.empty((2, 0), np.int64)
-    low, high = positions[rigid].min(axis=0) - radius, positions[rigid].max(axis=0) + radius
-    near = np.flatnonzero(~obstacle & ((positions >= low) & (positions <= high)).all(axis=1))
-    found = cKDTree(positions[rigid]).sparse_distance_matrix(cKDTree(positions[near]), radius, output_type="ndarray")
-    i, j = rigid[found["i"]], near[found["j"]]  # (W/2,) each
-    pair = np.stack([np.concatenate([i, j]), np.concatenate([j, i])])  # (2, W)
-    return pair[:, np.lexsort(pair)]
+def _tensor(array: NDArray[Any] | None) -> torch.Tensor | None:
+    return None if array is None else torch.from_numpy(array)
 
 
 def join(graphs: Sequence[Graph]) -> Graph:
-    """Several graphs as one disjoint union: nodes and segments are counted on from graph to graph."""
+    """Several graphs as one disjoint union: nodes, segments and the nodes of each level are counted on from graph to graph."""
     if len(graphs) == 1:
         return graphs[0]
-    nodes = np.cumsum([0] + [len(graph.node) for graph in graphs]).tolist()
-    segments = np.cumsum([0] + [len(graph.graph_of_segment) for graph in graphs]).tolist()
-    count = np.cumsum([0] + [int(graph.graph_of_segment[-1]) + 1 for graph in graphs]).tolist()
+    nodes = _starts([len(graph.node) for graph in graphs])
+    segments = _starts([len(graph.graph_of_segment) for graph in graphs])
     return Graph(
-        node=torch.cat([graph.node for graph in graphs]),
-        mesh_edge=torch.cat([graph.mesh_edge for graph in graphs]),
-        mesh_pair=torch.cat([graph.mesh_pair + first for graph, first in zip(graphs, nodes, strict=False)], dim=1),
-        contact_edge=torch.cat([graph.contact_edge for graph in graphs]),
-        contact_pair=torch.cat([graph.contact_pair + first for graph, first in zip(graphs, nodes, strict=False)], dim=1),
-        segment=torch.cat([graph.segment + first for graph, first in zip(graphs, segments, strict=False)]),
-        graph_of_segment=torch.cat([graph.graph_of_segment + first for graph, first in zip(graphs, count, strict=False)]),
+        mesh_pair=_counted([graph.mesh_pair for graph in graphs], nodes),
+        contact_pair=_counted([graph.contact_pair for graph in graphs], nodes),
+        segment=_counted([graph.segment for graph in graphs], segments),
+        graph_of_segment=_counted([graph.graph_of_segment for graph in graphs], _starts([graph.count for graph in graphs])),
+        count=sum(graph.count for graph in graphs), scale=graphs[0].scale, levels=_levels(graphs, nodes),
         shared=_joined([None if graph.shared is None else graph.shared + torch.tensor([[node], [segment]])
-                        for graph, node, segment in zip(graphs, nodes, segments, strict=False)], dim=1),
-        node_code=_joined([graph.node_code for graph in graphs]), segment_code=_joined([graph.segment_code for graph in graphs]))
+                        for graph, node, segment in zip(graphs, nodes, segments, strict=True)], dim=1),
+        node_code=_joined([graph.node_code for graph in graphs]), segment_code=_joined([graph.segment_code for graph in graphs]),
+        **{name: torch.cat([getattr(graph, name) for graph in graphs]) for name in ("node", "mesh_edge", "contact_edge", "place", "rank")})
+
+
+def _levels(graphs: Sequence[Graph], finer: list[int]) -> tuple[Coarser, ...]:
+    """The levels of several graphs; finer: the numbers at which the graphs' nodes start."""
+    found = []
+    for each in zip(*(graph.levels for graph in graphs), strict=True):
+        own = _starts([level.nodes for level in each])
+        pair, contact = (_counted([getattr(level, name) for level in each], own) for name in ("pair", "contact_pair"))
+        give = torch.stack([_counted([level.give[row] for level in each], starts) for row, starts in enumerate((finer, own))])
+        found.append(Coarser(sum(level.nodes for level in each), pair, contact, give, torch.cat([level.weight for level in each])))
+        finer = own
+    return tuple(found)
+
+
+def _starts(counts: list[int]) -> list[int]:
+    """The sums of the numbers before each."""
+    return [0, *np.cumsum(counts[:-1]).tolist()]
+
+
+def _counted(parts: list[torch.Tensor], starts: list[int]) -> torch.Tensor:
+    """Numbers (M,), or pairs of them (2, M), end to end, each part counted on from its start."""
+    return torch.cat([part + start for part, start in zip(parts, starts, strict=True)], dim=-1)
 
 
 def _joined(parts: list[torch.Tensor | None], dim: int = 0) -> torch.Tensor | None:
     """Parts end to end; None where all of them lack it."""
     there = [part for part in parts if part is not None]
     return torch.cat(there, dim=dim) if there else None
-
-
-def _with_norm(vector: NDArray[np.floating]) -> NDArray[np.float32]:
-    """(M, 3) vectors followed by their norms: (M, 4) float32."""
-    return np.concatenate([vector, np.linalg.norm(vector, axis=1, keepdims=True)], axis=1).astype(np.float32)

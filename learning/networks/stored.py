@@ -19,7 +19,7 @@ SCHEMA = 1
 def write_stored(path: Path, about: dict[str, Any], tensors: dict[str, Tensor]) -> None:
     """Write a whole file, or none. Raises OSError."""
     header = {"about": json.dumps({"schema": SCHEMA, **about})}
-    write_whole(path, save({name: value.detach().contiguous() for name, value in tensors.items()}, header))
+    write_whole(path, save({name: value.detach().cpu().contiguous() for name, value in tensors.items()}, header))
 
 
 def read_stored(path: str | Path) -> tuple[dict[str, Any], dict[str, Tensor]]:

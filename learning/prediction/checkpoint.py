@@ -13,7 +13,7 @@ renamed: a training killed at any moment leaves a whole one. No pickle: safetens
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,8 @@ from torch import Tensor
 
 from learning.bodies.at_once import AtOnce, is_at_once, load_at_once
 from learning.config import TrainConfig
-from learning.networks.m4gn import M4GN
+from learning.devices import device_of
+from learning.networks.kinds import build
 from learning.networks.stored import read_stored, under, write_stored
 from learning.prediction.memory import keep_freed_memory
 from learning.samples.samples import Normaliser
@@ -49,14 +50,24 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Model:
-    """A trained network and what it needs to be applied: its config, its scales, and where it came from."""
+    """A trained network and what it needs to be applied: its config, its scales, and where it came from.
+
+    network: takes a scaled graph, gives (N, 3) in units of the normaliser's velocity
+    """
 
     config: TrainConfig
-    network: M4GN
+    network: torch.nn.Module
     normaliser: Normaliser
     name: str
 
-    title = "M4GN"  # in reports
+    def to(self, device: torch.device) -> Model:
+        """The same on another device."""
+        return replace(self, network=self.network.to(device), normaliser=self.normaliser.to(device))
+
+    @property
+    def title(self) -> str:
+        """In reports: the kind's, or the class's name of a network of one's own."""
+        return getattr(self.network, "title", type(self.network).__name__)
 
 
 def write_checkpoint(path: Path, saved: Checkpoint) -> None:
@@ -92,8 +103,12 @@ def load_weights(network: torch.nn.Module, saved: Checkpoint, path: str | Path) 
         raise InputError(f"{path}: its weights do not fit its config: {lines[min(1, len(lines) - 1)]}") from None
 
 
-def load_model(run: str | Path) -> Model | AtOnce:
-    """The best network of a run folder. Raises `InputError` when the folder holds no whole one."""
+def load_model(run: str | Path, device: str = "cpu") -> Model | AtOnce:
+    """The best network of a run folder, on a device (devices.py; a predictor of all frames at once stays on the processor).
+
+    Raises `InputError` when the folder holds no whole one, or the device is not there.
+    """
+    where = device_of(device)
     path = Path(run) / "model.safetensors"
     about, _ = read_stored(path)
     keep_freed_memory()
@@ -101,6 +116,6 @@ def load_model(run: str | Path) -> Model | AtOnce:
         return load_at_once(run, about)
     saved = read_checkpoint(path)
     config = read_table(TrainConfig, saved.about.get("config"), f"{path}: config")
-    network = M4GN(config.network)
+    network = build(config.network)
     load_weights(network, saved, path)
-    return Model(config, network.eval(), saved.normaliser, str(run))
+    return Model(config, network.eval(), saved.normaliser, str(run)).to(where)

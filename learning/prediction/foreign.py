@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from datagen.files.inputs import Inputs, inputs_of
+from datagen.files.layout import displacements
 from datagen.files.prediction import find_prediction, mistaken, read_prediction
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from physics.schema import InputError
@@ -96,13 +97,14 @@ def of_function(name: str, function: Function) -> Predictor:
         inputs = inputs_of(case.trajectory)
         start = time.process_time()
         try:
-            given = np.asarray(function(inputs))
+            answer = function(inputs)
         except Exception as error:  # whatever a stranger's function raises
             raise RuntimeError(f"{name} on {case.name}: {_told(error)}") from None
         seconds = time.process_time() - start
-        if given.shape != case.truth.shape:
-            raise InputError(f"{name} gives shape {given.shape} for {case.name}: must be {case.truth.shape}, frames from the rest state "
-                             "on, nodes of the body, x y z")
+        try:
+            given = displacements(answer, case.steps + 1, len(case.mesh.points), "nodes of the body")
+        except InputError as error:
+            raise InputError(f"{name} on {case.name}: {error}") from None
         if not np.isfinite(given).all():
             raise LeftOut("what it gives is not finite")
         if doubt := mistaken(given, case.truth, case.mesh.points):

@@ -86,9 +86,9 @@ def elements(name: str, *, halvings: int = 0, fewer: int = 1, tolerance: float =
             raise LeftOut("the mesh is that of a file, which is not made coarser" if case.scene.body.shape == "file" else
                           "there are no cells left to halve")
         if law is not None:
-            if scene.material.law == law:
+            if all(material.law == law for material in scene.materials):
                 raise LeftOut(f"the material is {law} already")
-            scene = replace(scene, material=replace(scene.material, law=law))
+            scene = scene.under(law)
         count = max(1, round(case.steps / fewer))
         own = case.mesh if scene.body.shape == "file" else None  # a shape's is built, a part of the set-up
         mesh, path, set_up, seconds, iterations = follow(replace(scene, steps=Steps(count=count)), tolerance, own)
@@ -122,10 +122,9 @@ def between(path: Floats, steps: int) -> Floats:
 
 def coarser(scene: Scene) -> Scene | None:
     """The scene with half the cells along each direction, rounded down, at least 2; None when nothing is left to halve."""
-    if scene.body.shape == "file":
+    if scene.body.shape in ("file", "channel"):
         return None
-    nx, ny, nz = (min(n, max(2, n // 2)) for n in scene.body.divisions)
-    divisions = (nx, ny, nz)
+    divisions = tuple(min(n, max(2, n // 2)) for n in scene.body.divisions)
     if divisions == scene.body.divisions:
         return None
     return replace(scene, body=replace(scene.body, cells=divisions, cell_size=None))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from datagen.files.trajectory import Trajectory
 from learning.bodies.at_once import AtOnce, path_of, rolled_out
 from learning.graphs.graph import join
-from learning.networks.m4gn import products
+from learning.networks.blocks import products
 from learning.prediction.checkpoint import Model
 from learning.samples.estimate import estimate
 from learning.samples.samples import Example, build_example, describe
@@ -56,8 +56,9 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
         example = replace(example, estimate=estimate(example.trajectory, example.targets))
     displacement = walk(model, example, correct)
     seconds = (time.perf_counter() - start) / max(len(displacement) - 1, 1)
-    return replace(example.trajectory, displacement=displacement, per_frame={}, fields={},
-                   segment=example.skeleton.segment.astype(np.int32), extra={"run": model.name, "seconds_per_step": seconds})
+    segment = example.skeleton.segment.astype(np.int32) if model.config.network.wants.cut else None
+    return replace(example.trajectory, displacement=displacement, per_frame={}, fields={}, segment=segment,
+                   extra={"run": model.name, "seconds_per_step": seconds})
 
 
 def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correction | None) -> Trajectory:
@@ -133,6 +134,7 @@ def _predict(model: Model, example: Example, targets: list[int], now: list[NDArr
     """(frames, N, 3) predicted displacements [m] of some frames, from one and two frames before each."""
     shown = [describe(example, target, u, v, model.config) for target, u, v in zip(targets, now, before, strict=True)]
     with torch.inference_mode(), products(model.config.network):
-        said = model.normaliser.velocity * model.network(model.normaliser.graph(join([each.graph for each in shown])))
-    outputs = said.numpy().reshape(len(targets), -1, 3)
+        graph = join([each.graph for each in shown]).to(model.normaliser.velocity.device)
+        said = model.normaliser.velocity * model.network(model.normaliser.graph(graph))
+    outputs = said.cpu().numpy().reshape(len(targets), -1, 3)
     return np.stack([each.base + each.unit * output for each, output in zip(shown, outputs, strict=True)])

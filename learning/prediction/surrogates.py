@@ -20,7 +20,7 @@ from learning.bodies.at_once import predict as predict_path
 from learning.prediction.checkpoint import Model
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.prediction.rollout import predict_step, rollout
-from learning.samples.estimate import estimate
+from learning.samples.estimate import estimator_of
 from physics.equilibrium.state import NoEquilibrium
 from physics.fidelity.correct import Corrector
 from physics.mesh.mesh import Mesh
@@ -81,17 +81,18 @@ def corrected(model: Model | AtOnce, count: int | None, name: str = "M4GN") -> P
     return Predictor(f"{name}, {how}", "hybrid", predict)
 
 
-def estimated(name: str) -> Predictor:
-    """The reduced-order model: what a network with estimate = true corrects, without the network. Nothing of it is learned."""
+def estimated(name: str, *, rough: bool = False) -> Predictor:
+    """The reduced-order model: what a network with estimate = true corrects, without the network; or a rough form of it, at few poses
+    and in a smaller space. Nothing of it is learned."""
 
     def predict(case: Case) -> Prediction:
         start, path = time.process_time(), np.zeros_like(case.truth)
         given = np.where(case.trajectory.free[:, None], np.float32(0), case.trajectory.displacement)
         try:
-            found = estimate(replace(case.trajectory, displacement=given), np.arange(1, case.steps + 1))
+            estimator = estimator_of(replace(case.trajectory, displacement=given), rough=rough)
         except InputError as error:
             raise LeftOut(f"{error}") from None
-        path[1:] = found.displacement[:, case.trajectory.body]
+        path[1:] = estimator.frames(range(1, case.steps + 1))[0]
         return Prediction(path=path, seconds=time.process_time() - start)
 
     return Predictor(name, "reduced", predict)
@@ -131,7 +132,9 @@ def _split(predicted: Trajectory, start: float, began: float) -> tuple[float, fl
 
 def _modes_seconds(model: Model | AtOnce, case: Case) -> float:
     """What the elastic mode costs that the segments need; the file brings it along, another scene would not."""
-    if isinstance(model, AtOnce) or case.known is None or "md" not in model.config.method or model.config.modes != "elastic":
+    if isinstance(model, AtOnce) or case.known is None or not model.config.network.wants.segments:
+        return 0.0
+    if "md" not in model.config.method or model.config.modes != "elastic":
         return 0.0
     start = time.process_time()
     elastic_modes(case.scene, count=1, mesh=case.mesh)

@@ -112,9 +112,8 @@ def sweep(scene: str | Path | dict[str, Any], run: str | Path, *, vary: Sequence
             beams.append(see(one))
         except InputError as error:
             raise InputError(f"number {number}: {error}") from None
-        assert one.obstacle is not None
         values.append(value)
-        ends.append(one.obstacle.path)
+        ends.append(one.obstacles[0].path)
     varied = {key: np.array(column) for key, column in zip(variation.keys, zip(*values, strict=True), strict=True)}
     weights = hashlib.sha256(Path(run, "model.safetensors").read_bytes()).hexdigest()
     about = {"scene": variation.family.text, "seed": str(seed), "run": str(run), "weights": weights}
@@ -129,7 +128,7 @@ def sweep(scene: str | Path | dict[str, Any], run: str | Path, *, vary: Sequence
                     if not store.has(some):
                         found = predict_many(model, paths[begin:begin + batch], fractions)
                         far = np.sqrt(np.square(found.displacement).sum(axis=3).max(axis=2)).astype(float)
-                        force = variation.first.material.young_modulus * found.force
+                        force = variation.first.stiffest * found.force
                         store.add(some, Rows(found.displacement[:, :, chosen], far, force, found.bar, found.unsure,
                                              np.full(len(some), PREDICTED, np.int8)))
                     bar.update(len(some))

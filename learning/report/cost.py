@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from learning.networks.stored import read_stored
 from learning.report.table import Row
 
 
@@ -22,11 +23,14 @@ def called(runs: dict[str, Any]) -> dict[str, str]:
     return {run: model.title if len(runs) == 1 else f"{model.title} {Path(run).name}" for run, model in runs.items()}
 
 
-def paid_back(rows: Sequence[Row], headers: dict[str, dict[str, Any]]) -> list[Row]:
-    """The rows, those of learned predictors with the number of scenes after which they are paid back.
+def paid_back(rows: Sequence[Row], runs: dict[str, Any]) -> list[Row]:
+    """The rows, those of learned predictors with the number of scenes after which they are paid back; runs: models by their folders."""
+    headers = {name: read_stored(Path(run) / "model.safetensors")[0] for run, name in called(runs).items()}
+    return counted(rows, headers)
 
-    headers: of the checkpoints, by the names of their predictors
-    """
+
+def counted(rows: Sequence[Row], headers: dict[str, dict[str, Any]]) -> list[Row]:
+    """The same from the headers of the checkpoints, by the names of their predictors."""
     reference = next((row.scores["seconds"] for row in rows if row.kind == "reference"), math.nan)
     return [replace(row, scores=row.scores | {"paid_back": _scenes(headers.get(row.name, {}), reference - row.scores["seconds"])})
             if row.kind == "learned" else row for row in rows]

@@ -43,8 +43,8 @@ def spread_said(rows: Sequence[Row], *, chance: bool = False) -> list[str]:
     for row in rows:
         if best is None or row.kind not in JUDGED or row is best:
             continue
-        apart = [one["rmse_all"] - other["rmse_all"] for one, other in zip(row.each, best.each, strict=True)]
-        far = f"{row.name} is {shown(1e3 * statistics.fmean(apart))} mm farther off than {best.name} (RMSE-all)"
+        apart = [one["rmsd_all"] - other["rmsd_all"] for one, other in zip(row.each, best.each, strict=True)]
+        far = f"{row.name} is {shown(1e3 * statistics.fmean(apart))} mm farther off than {best.name} (RMSD-all)"
         if len(apart) < 2:
             said.append(f"{far}; one trajectory does not say whether that is more than chance.")
             continue

@@ -31,7 +31,7 @@ from learning.prediction.foreign import Own, from_folder, from_function
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
-from learning.report.cost import called, cost_said, paid_back, payback_said
+from learning.report.cost import cost_said, paid_back, payback_said
 from learning.report.differences import differing, spread_said
 from learning.report.measure import LONG, Measurement, measure
 from learning.report.report import write_report
@@ -45,7 +45,7 @@ SAMPLE = 25  # frames of a trajectory at which equations and the deformed mesh a
 
 
 def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, correct: int = 1, refined: int = 1,
-             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (),
+             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (), device: str = "cpu",
              say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Roll a trained network out over test trajectories and write the report folder.
 
@@ -56,6 +56,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         correct: orders of magnitude by which Newton steps correct each frame of a rollout
         refined: how many of the test scenes are solved on finer cells as well
         predictions, functions: what users bring along, see `own_predictors`
+        device: where the network runs
         say: takes a line of what comes out
 
     Returns:
@@ -66,9 +67,9 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
     """
     if not files:
         raise InputError("no trajectories to evaluate on")
-    model = load_model(run)
+    model = load_model(run, device)
     cases = load_cases(files)
-    alone = [estimated("M4GN, its estimate alone")] if has_estimate(model) else []
+    alone = [estimated(f"{model.title}, its estimate alone")] if has_estimate(model) else []
     own, about = own_predictors(predictions, functions, cases)
     if any(case.known is None for case in cases):
         return report_on([*own, learned(model, model.title), *trivial()], cases, Path(out),
@@ -120,18 +121,16 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     names = [predictor.name for predictor in predictors]
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(f"two predictors are called {twice[0]!r}: give each a name of its own")
-    known = {run: read_seen(run) for run in runs}
+    spans = [span for run in runs if (span := read_seen(run)) is not None]
     if cases[0].known is not None:
         warm_up(cases[0])
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
         found = measure(predictors, cases, sample=SAMPLE, refined=evenly(refined, len(cases)), repeats=repeats, on_done=bar.update)
     out.mkdir(parents=True, exist_ok=True)
-    spans = [span for span in known.values() if span is not None]
     apart = _apart(runs)
     found.rows = [replace(row, about=next((words for run, words in apart.items() if row.kind == "learned"
                                            and row.name.endswith(f" {Path(run).name}")), "")) for row in found.rows]
-    headers = {name: read_stored(Path(run) / "model.safetensors")[0] for run, name in called(runs).items()}
-    found.rows = paid_back(found.rows, headers)
+    found.rows = paid_back(found.rows, runs)
     seeds_alone = bool(apart) and all(words.startswith("seed ") and "," not in words for words in apart.values())
     spread = [*spread_said(found.rows, chance=seeds_alone), *payback_said(found.rows)]
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
@@ -156,9 +155,9 @@ def _apart(runs: dict[str, Model | AtOnce]) -> dict[str, str]:
 
 def summary(rows: Sequence[Row]) -> list[str]:
     """The table's first columns for a terminal."""
-    lines = [f"{'':36s} {'ms/step':>9s} {'RMSE-1':>9s} {'RMSE-50':>9s} {'RMSE-all':>9s} {'to finer':>9s}  [mm, free nodes]"]
+    lines = [f"{'':36s} {'ms/step':>9s} {'RMSD-1':>9s} {'RMSD-50':>9s} {'RMSD-all':>9s} {'to finer':>9s}  [mm, free nodes]"]
     for row in rows:
-        errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmse_1", "rmse_50", "rmse_all", "rmse_refined"))
+        errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmsd_1", "rmsd_50", "rmsd_all", "rmsd_refined"))
         lines.append(f"{row.name:36s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
         lines += [f"    {row.about}"] * bool(row.about)
     return lines
@@ -180,7 +179,7 @@ def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
         name = f"frame_{case.name}.png"
         frame_picture(out / name, case.mesh, prediction=frame.displacement, truth=case.truth[step], step=step, steps=case.steps,
                       obstacle=None if surface is None else ObstacleSurface(*surface).at(step), names=(frame.predictor, "finite elements"))
-        pictures.append((name, f"Test trajectory {case.name}, RMSE-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
+        pictures.append((name, f"Test trajectory {case.name}, RMSD-all {1e3 * frame.error:.3g} mm, at step {step} of {case.steps}, "
                                "where the rollout is farthest from the truth. Left the prediction, coloured by its error, over the "
                                "outline of the truth; right the truth."))
     return pictures
@@ -206,7 +205,8 @@ def _facts(runs: dict[str, Model | AtOnce], cases: Sequence[Case], found: Measur
     return facts | {
         "truth": "the files: they hold no scene, so there are no equations to check, and no reference that could be solved again"
                  if any(case.known is None for case in cases) else
-                 f"first-order {_words(case.mesh.cell + 's' for case in cases)}, {_words(case.scene.material.law for case in cases)}; "
+                 f"first-order {_words(case.mesh.cell + 's' for case in cases)}, "
+                 f"{_words(material.law for case in cases for material in case.scene.materials)}; "
                  f"solved again here, it differs from the files by {1e3 * found.solved_again:.1e} mm at most (they hold 32-bit numbers)",
         "equations and mesh": f"checked at up to {SAMPLE} frames of each trajectory; errors and penetration at all frames",
         "machine": f"{processor()}, {os.cpu_count()} cores; {platform.platform()}",
@@ -224,7 +224,7 @@ def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | A
         f"Materials: {_words(_material(case) for case in cases)}. Cells: {_words(case.mesh.cell for case in cases)}. Of other "
         "materials and kinds of mesh nothing is said here.",
         "\"Keep the last velocity\" is shown the first two frames and \"quadratic extrapolation\" the first three, no more. Before the "
-        "obstacle touches nothing moves, so over whole rollouts they can equal \"nothing moves\"; their RMSE-1 starts from true states.",
+        "obstacle touches nothing moves, so over whole rollouts they can equal \"nothing moves\"; their RMSD-1 starts from true states.",
         "Finite elements on a coarser mesh are in equilibrium on their own mesh; carried over to the finer one they are not, which is "
         "what their residual and penetration show.",
         "The residual of a body that never moves is zero: it is in equilibrium, but the obstacle is inside of it. Read residual and "
@@ -232,14 +232,14 @@ def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | A
         "Errors are lengths of vectors. Where others average over the three components as well, their figures are smaller by the "
         "square root of 3."]
     reference = next((row for row in found.rows if row.kind == "reference"), None)
-    if reference is not None and reference.scores.get("rmse_refined", np.nan) > 0:
-        own = reference.scores["rmse_refined"]
-        count = sum(not np.isnan(each["rmse_refined"]) for each in reference.each)
+    if reference is not None and reference.scores.get("rmsd_refined", np.nan) > 0:
+        own = reference.scores["rmsd_refined"]
+        count = sum(not np.isnan(each["rmsd_refined"]) for each in reference.each)
         notes[0] += (f" On {count} of the {len(cases)} scenes, solved again on cells of half the size, the data are {1e3 * own:.3g} mm off"
                      f" (and the finer solution by about a third of that, if errors fall with the square of the cells' size).")
         for row in found.rows:
             if row.kind in (*JUDGED, "hybrid"):
-                notes[0] += (f" {row.name}: {1e3 * row.scores['rmse_refined']:.3g} mm from the finer solution; in "
+                notes[0] += (f" {row.name}: {1e3 * row.scores['rmsd_refined']:.3g} mm from the finer solution; in "
                              f"{100 * row.scores['below_data']:.0f} % of the frames closer to the data than these to it.")
     notes += [*_of_correction(found.rows), *_of_doubt(found.rows, cases)]
     if runs:
@@ -263,7 +263,7 @@ def _of_correction(rows: Sequence[Row]) -> list[str]:
                         f"{reference.scores['iterations']:.3g} and {reference.ms_per_step:.3g} ms.")
         else:
             said.append(f"{row.name}: the error over whole rollouts falls by a factor of "
-                        f"{alone.scores['rmse_all'] / row.scores['rmse_all']:.3g}, for {row.ms_per_step - alone.ms_per_step:.3g} ms a step "
+                        f"{alone.scores['rmsd_all'] / row.scores['rmsd_all']:.3g}, for {row.ms_per_step - alone.ms_per_step:.3g} ms a step "
                         f"more; the solver itself takes {reference.ms_per_step:.3g} ms.")
     return said
 
@@ -276,7 +276,7 @@ def _of_doubt(rows: Sequence[Row], cases: Sequence[Case]) -> list[str]:
         if not len(shares) or np.isnan(shares).all():
             continue
         unsure = {case.name: share for case, share in zip(cases, shares, strict=True) if share > 0}
-        sure = [each["rmse_all"] for each, share in zip(row.each, shares, strict=True) if not share > 0]
+        sure = [each["rmsd_all"] for each, share in zip(row.each, shares, strict=True) if not share > 0]
         names = ", ".join(f"{name} ({100 * share:.0f} % of the frames)" for name, share in unsure.items()) or "none of them"
         said.append(f"{row.name} says that it does not know: {names}." + (
             f" In the other {len(sure)} trajectories it is {1e3 * max(sure):.3g} mm off at most." if sure else ""))
@@ -286,8 +286,8 @@ def _of_doubt(rows: Sequence[Row], cases: Sequence[Case]) -> list[str]:
 def _material(case: Case) -> str:
     if case.known is None:
         return "not known"
-    material = case.known.material
-    return f"{material.law} (E = {material.young_modulus:.3g} Pa, nu = {material.poisson_ratio:.3g})"
+    return " and ".join(f"{material.law} (E = {material.young_modulus:.3g} Pa, nu = {material.poisson_ratio:.3g})"
+                        for material in case.known.materials)
 
 
 def _words(values: Any) -> str:

@@ -25,7 +25,7 @@ from learning.report.table import JUDGED, Row
 from physics.fem import release
 from physics.fidelity.figures import gathered
 from physics.fidelity.verify import Reference, as_table
-from physics.mesh.quality import rmse
+from physics.mesh.quality import rmsd
 
 LONG = 1.0  # [s]
 
@@ -95,9 +95,9 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             each[predictor.name].append(_scores(fidelity, prediction, case) | _doubt(prediction, case) | _against(second, path, case))
             with np.errstate(over="ignore"):
                 paths[predictor.name] = path.astype(np.float32)
-            errors.append(fidelity.rmse_all)
+            errors.append(fidelity.rmsd_all)
             if predictor.kind in JUDGED:
-                found.frames.append(WorstFrame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmse_all))
+                found.frames.append(WorstFrame(case, predictor.name, fidelity.worst_step, path[fidelity.worst_step], fidelity.rmsd_all))
         learned = [frame.error for frame in found.frames if frame.case is case]
         error = max((each if np.isfinite(each) else np.inf for each in learned or errors), default=0.0)
         if paths and (found.hardest is None or error > found.hardest.error):
@@ -139,10 +139,10 @@ def _second_truth(case: Case, notes: list[str]) -> tuple[NDArray[np.int64], NDAr
 def _against(second: tuple[NDArray[np.int64], NDArray[np.float64]] | None, path: NDArray[Any], case: Case) -> dict[str, float]:
     """The error to the finer solution, and the share of its frames in which the error to the data is below the data's own."""
     if second is None:
-        return {"rmse_refined": np.nan, "below_data": np.nan}
+        return {"rmsd_refined": np.nan, "below_data": np.nan}
     frames, fine = second
     own, error = _by_frame(case.truth[frames], fine, case), _by_frame(path[frames], case.truth[frames], case)
-    return {"rmse_refined": rmse(path[frames[1:]], fine[1:], case.free), "below_data": float(np.mean(error[1:] < own[1:]))}
+    return {"rmsd_refined": rmsd(path[frames[1:]], fine[1:], case.free), "below_data": float(np.mean(error[1:] < own[1:]))}
 
 
 def _by_frame(a: NDArray[Any], b: NDArray[Any], case: Case) -> NDArray[np.float64]:
@@ -164,12 +164,12 @@ def _doubt(prediction: Prediction, case: Case) -> dict[str, float]:
 def _scores(fidelity: Any, prediction: Prediction, case: Case) -> dict[str, float]:
     table = {key: float(value) for key, value in as_table(fidelity).items() if key != "worst_step"}
     if prediction.one_step is None:  # starts no step from a given state
-        table |= {"rmse_1": np.nan, "rmse_1_pooled": np.nan}
+        table |= {key: np.nan for key in table if key.startswith(("rmsd_1", "rmse_1"))}
     whole = prediction.seconds + prediction.set_up
-    motion = rmse(case.truth[1:], np.zeros_like(case.truth[1:]), case.free)
+    motion = rmsd(case.truth[1:], np.zeros_like(case.truth[1:]), case.free)
     return {"seconds": whole, "set_up_seconds": prediction.set_up, "ms_per_step": 1e3 * whole / case.steps,
             "ms_per_step_alone": 1e3 * prediction.seconds / case.steps, "wall_ms_per_step": 1e3 * prediction.wall / case.steps,
-            "of_motion": table["rmse_all"] / motion if motion else np.nan,
+            "of_motion": table["rmsd_all"] / motion if motion else np.nan,
             "iterations": np.nan if prediction.iterations is None else prediction.iterations / case.steps, **table}
 
 

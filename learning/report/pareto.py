@@ -1,4 +1,4 @@
-"""Speed against error: time per step and RMSE over whole rollouts, both logarithmic, every predictor a labelled point."""
+"""Speed against error: time per step and RMSD over whole rollouts, both logarithmic, every predictor a labelled point."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from learning.report.table import Row
 
@@ -29,11 +28,11 @@ GROWTHS = 8  # of the picture's height, by a quarter each: then there is room fo
 
 def measure_of(rows: list[Row]) -> str:
     """The error that all rows have in all trajectories: to the solution on finer cells where there is one, else to the data."""
-    every = [each.get("rmse_refined", math.nan) for row in rows for each in (row.scores, *row.each)]
-    return "rmse_all" if not every or any(map(math.isnan, every)) else "rmse_refined"
+    every = [each.get("rmsd_refined", math.nan) for row in rows for each in (row.scores, *row.each)]
+    return "rmsd_all" if not every or any(map(math.isnan, every)) else "rmsd_refined"
 
 
-def front(rows: list[Row], error: str = "rmse_all") -> list[Row]:
+def front(rows: list[Row], error: str = "rmsd_all") -> list[Row]:
     """Predictors that no other beats or equals in both time and error, the fastest first."""
     best, lowest = [], math.inf
     for row in sorted((row for row in rows if not math.isnan(row.ms_per_step)), key=lambda row: (row.ms_per_step, row.scores[error])):
@@ -54,9 +53,9 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
     figure = Figure(figsize=(10, 6.2), dpi=110, facecolor="white", layout="constrained")
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    to = "the scene on cells of half the size" if error == "rmse_refined" else "the data"
+    to = "the scene on cells of half the size" if error == "rmsd_refined" else "the data"
     axes.set(xscale="log", yscale="log", xlabel="processor time per step [ms], set-up included (end of the bar: excluded)",
-             ylabel=f"RMSE to {to}, whole rollouts, free nodes [mm]")
+             ylabel=f"RMSD to {to}, whole rollouts, free nodes [mm]")
     _spread(axes, rows, error)
     points = {row.name: (row.ms_per_step, 1e3 * row.scores[error]) for row in rows if row.scores[error] > 0 and row.ms_per_step > 0}
     best = [points[row.name] for row in front(rows, error) if row.name in points]
@@ -120,8 +119,8 @@ def _label(axes: Any, labels: list[tuple[str, tuple[float, float], str]]) -> boo
     for number, (text, point, colour) in enumerate(labels):
         # A label must not stand nearer to another point than to its own.
         near = [box.padded(7) if other != number and other < len(labels) else box for other, box in enumerate(taken)]
-        note = axes.annotate(text, point, xytext=(0, 0), textcoords="offset points", fontsize=8.5, color=colour)
-        size = np.array(Text.get_window_extent(note, renderer).size)  # of the text alone: an arrow leads back to the point
+        note = axes.text(*point, text, fontsize=8.5)
+        size = np.array(note.get_window_extent(renderer).size)
         note.remove()
         fewest, best, where = math.inf, PLACES[0], inside
         for place in PLACES:

@@ -81,7 +81,7 @@ def _markdown(report: Report) -> str:
         parts += [f"## {title}", "", *table(heads(shown_columns), [cells(row, shown_columns) for row in report.rows]), "",
                   *(f"- **{column.head}**: {plain(column.meaning, '**')}." for column in shown_columns.values()), ""]
     head, lines = by_case(report)
-    parts += ["## RMSE-all of each test trajectory [mm]", "", *table(head, lines), ""]
+    parts += ["## RMSD-all of each test trajectory [mm]", "", *table(head, lines), ""]
     if report.outside is not None:
         parts += ["## Inside or outside of what was trained on", "", *(f"- {line}" for line in _outside(report)), ""]
     if report.pictures:
@@ -94,9 +94,9 @@ def _markdown(report: Report) -> str:
 
 
 SCALE = {
-    "rmse_all": "Each predictor is a point: further left is faster, further down is closer to the truth. The dashed line is "
+    "rmsd_all": "Each predictor is a point: further left is faster, further down is closer to the truth. The dashed line is "
                 "the time of the solver that made the truth; what lies right of it is slower than what it stands in for.",
-    "rmse_refined": "Each predictor is a point: further left is faster, further down is closer to the body. The star is the solver "
+    "rmsd_refined": "Each predictor is a point: further left is faster, further down is closer to the body. The star is the solver "
                     "that made the data, the dotted line the error that its mesh leaves: a predictor on that line knows the "
                     "body as well as the data do, and one right of the star is slower than what it stands in for.",
 }

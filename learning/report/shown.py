@@ -6,7 +6,7 @@ from learning.prediction.predictor import Case
 from learning.prediction.rivals import REFERENCE
 from learning.report.measure import Measurement, WorstFrame
 from learning.report.table import best_learned
-from physics.scene import Material
+from physics.scene import Materials
 from physics.view import Exhibit, ObstacleSurface, path_exhibit
 
 WORST = 5  # frames
@@ -39,7 +39,7 @@ def _truth(case: Case) -> str:
     return "the data" if case.known is None else REFERENCE
 
 
-def _material(case: Case) -> Material | None:
+def _material(case: Case) -> Materials | None:
     """The material, without which there is no stress; None where it is not known."""
     return None if case.known is None else case.known.material
 

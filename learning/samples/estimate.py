@@ -21,7 +21,7 @@ from physics.scene import Scene
 from physics.schema import InputError
 from physics.whole import written_whole
 
-VERSION = 4  # of the estimates: to be raised with every change to their numbers
+VERSION = 5  # of the estimates: to be raised with every change to their numbers
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,13 @@ def estimate(trajectory: Trajectory, frames: NDArray[np.int64], *, cache: Path |
     return Estimate(frames, displacement, answer)
 
 
-def estimator_of(trajectory: Trajectory) -> Estimator:
+def estimator_of(trajectory: Trajectory, *, rough: bool = False) -> Estimator:
     if not trajectory.scene:
         raise InputError('the trajectory holds no scene, which estimate = true needs: train with estimate = false')
     scene, body = Scene.from_toml(trajectory.scene), trajectory.body
     moved = trajectory.displacement[:, ~body].astype(np.float64).mean(axis=1) if not body.all() else np.zeros((1, 3))  # (T, 3)
-    start = np.zeros(3) if scene.obstacle is None else np.array(scene.obstacle.path[0])
-    return Estimator(scene, trajectory.mesh, trajectory.node_kind[body] == HANDLE, start + moved)
+    start = np.array(scene.obstacles[0].path[0]) if scene.obstacles else np.zeros(3)
+    return Estimator(scene, trajectory.mesh, trajectory.node_kind[body] == HANDLE, start + moved, rough=rough)
 
 
 def _key(trajectory: Trajectory, frames: NDArray[np.int64]) -> str:

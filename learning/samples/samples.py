@@ -26,8 +26,7 @@ get mean and standard deviation of each feature. The output has a natural zero, 
 components, its root mean square over free nodes, so that the loss is proportional to the squared error in metres (or units c): with
 one scale each, a sideways velocity that is nothing but rounding would weigh as much as the bending.
 
-Legend: N nodes, T frames, F features.
-Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 for the correction.
+Legend: N nodes, T frames, F features. Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 for the correction.
 """
 
 from __future__ import annotations
@@ -48,6 +47,7 @@ from datagen.files.trajectory import Trajectory, problems, read_trajectory
 from learning.config import TrainConfig
 from learning.graphs.graph import Graph, Skeleton, build_graph, build_skeleton
 from learning.samples.estimate import Estimate, estimate
+from learning.segments.clusters import clusters_of
 from learning.segments.cut import segment
 from learning.segments.quality import auto_segment
 from physics.schema import InputError
@@ -93,8 +93,11 @@ class Normaliser:
 
     def graph(self, graph: Graph) -> Graph:
         """The graph with its features scaled."""
-        return replace(graph, **{name: (getattr(graph, name) - getattr(self, name)[0]) / getattr(self, name)[1]
-                                 for name in INPUTS})
+        scaled = {name: (getattr(graph, name) - getattr(self, name)[0]) / getattr(self, name)[1] for name in INPUTS}
+        return replace(graph, scale=(self.mesh_edge, self.contact_edge), **scaled)
+
+    def to(self, device: torch.device) -> Normaliser:
+        return Normaliser(**{name: value.to(device) for name, value in self.tensors().items()})
 
     def tensors(self) -> dict[str, Tensor]:
         """The four tables by name."""
@@ -149,13 +152,18 @@ def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArr
     """
     if targets is None:
         targets = np.arange(1, len(trajectory.displacement))
-    skeleton = build_skeleton(trajectory, segments_of(trajectory, config), overlap=config.overlap, walk=config.network.walk)
+    wants, label = config.network.wants, segments_of(trajectory, config)
+    skeleton = build_skeleton(trajectory, label, overlap=config.overlap, walk=wants.walk, levels=wants.levels)
     found = estimate(trajectory, targets, cache=cache) if config.estimate else None
     return Example(trajectory, skeleton, targets, found)
 
 
 def segments_of(trajectory: Trajectory, config: TrainConfig) -> NDArray[np.int32]:
-    """(N,) segment of each node, as a config wants them. Raises `InputError` for a mesh that cannot be segmented so."""
+    """(N,) segment of each node, as the network wants them, or the whole as one. Raises `InputError` for a mesh that cannot be cut so."""
+    if cluster := config.network.wants.cluster:
+        return clusters_of(trajectory, cluster)
+    if not config.network.wants.segments:
+        return np.zeros(len(trajectory.points), np.int32)
     if isinstance(config.segments, str):
         return auto_segment(trajectory, method=config.method, tau=config.tau, modes=config.modes, mode_count=config.mode_count)[0]
     return segment(trajectory, count=config.segments, method=config.method, tau=config.tau, modes=config.modes,
@@ -186,7 +194,8 @@ def describe(example: Example, target: int, now: NDArray[np.floating], before: N
             base = shown + known
         else:
             known = base - shown
-    graph = build_graph(skeleton, skeleton.rest + shown, velocity, config.contact_radius, known)
+    world = config.network.wants.world_radius
+    graph = build_graph(skeleton, skeleton.rest + shown, velocity, world or config.contact_radius, known, world=world > 0)
     return Sample(graph, base, unit)
 
 

@@ -46,7 +46,8 @@ def description(trajectory: Trajectory) -> dict[str, Value]:
     told: dict[str, Value] = {f"extent along {axis} [m]": float(side) for axis, side in zip("xyz", high - low, strict=True)}
     told |= {"cell size [m]": float(np.median(edges)), "nodes of the body": float(len(mesh.points)),
              "steps": float(len(trajectory.displacement) - 1), "cells": mesh.cell}
-    if not body.all():
+    scene = Scene.from_toml(trajectory.scene) if trajectory.scene else None
+    if not body.all() and (scene is None or len(scene.obstacles) == 1):  # several have no path in common
         path = trajectory.displacement[:, ~body].astype(np.float64).mean(axis=1)  # (T, 3)
         size = np.ptp(trajectory.points[~body], axis=0).min()
         end = trajectory.points[~body].mean(axis=0) + path[-1]
@@ -56,13 +57,12 @@ def description(trajectory: Trajectory) -> dict[str, Value]:
                  "way of the obstacle in one step [m]": float(stride.max(initial=0)),
                  "end of the obstacle's path along x, in lengths of the body": float((end[0] - low[0]) / (high[0] - low[0])),
                  "direction of the obstacle": f"{'-' if path[-1, axis] < 0 else '+'}{'xyz'[axis]}"}
-    if trajectory.scene:
-        scene = Scene.from_toml(trajectory.scene)
-        told |= {"Young's modulus [Pa]": scene.material.young_modulus, "Poisson's ratio": scene.material.poisson_ratio,
-                 "material law": scene.material.law, "shape of the body": scene.body.shape,
+    if scene is not None:
+        told |= {"Young's modulus [Pa]": scene.stiffest, "Poisson's ratio": max(material.poisson_ratio for material in scene.materials),
+                 "material law": " and ".join(material.law for material in scene.materials), "shape of the body": scene.body.shape,
                  "supports": ", ".join(sorted(f"{support.where} ({support.fixed})" for support in scene.support)) or "none",
                  "loads": ", ".join(sorted(str(load.where or "acceleration") for load in scene.load)) or "none",
-                 "obstacle": scene.obstacle.shape if scene.obstacle else "none"}
+                 "obstacle": scene.pressed_by}
     return told
 
 

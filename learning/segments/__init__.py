@@ -4,6 +4,7 @@
     harmonics   Laplacian modes in numpy
     features    what nodes are compared by
     cut         METIS and modal superpixels
+    clusters    as many nodes in each, by place alone
     quality     how good a cut is, and how many segments are best
     file        segments written into a trajectory
 """

@@ -134,12 +134,13 @@ class Beam:
 
 def see(scene: Scene) -> Beam:
     """The beam of a scene. Raises `InputError` in one line for a scene that is none, saying what it would have to be."""
-    body, obstacle = scene.body, scene.obstacle
+    body, obstacle = scene.body, scene.obstacles[0] if scene.obstacles else None
     held = {support.where for support in scene.support}
     wrong = [
         (body.shape != "beam" or body.cell != "prism" or body.order != 1 or body.element != "standard",
          "the body is not a beam of first-order prisms"),
         (min(body.divisions[1:], default=0) < 2, "it has fewer than two cells across"),
+        (len(scene.obstacles) > 1, "it has several obstacles"), (len(scene.materials) > 1, "it has several materials"),
         (scene.steps.dynamic or bool(scene.load), "it has loads or inertia"),
         (not held or not held <= {"x-min", "x-max"} or any(set(s.fixed) != set("xyz") or any(s.displacement) for s in scene.support),
          "it is not clamped at x-min, at x-max or at both and nowhere else"),
@@ -153,6 +154,7 @@ def see(scene: Scene) -> Beam:
         if is_wrong:
             raise InputError(f"a predictor of beams does not take this scene: {words}")
     assert obstacle is not None and obstacle.radius is not None
+    (material,) = scene.materials
     path = np.array(obstacle.path)
     way = path[1] - path[0]
     up = 1 + int(abs(way[2]) >= abs(way[1]))
@@ -170,6 +172,6 @@ def see(scene: Scene) -> Beam:
     start, end = ((point[place] - origin) * signs for point in path)
     turn = float(np.arctan(axis[0] * signs[0] / axis[side])) if obstacle.shape == "cylinder" else 0.0
     beam = Beam(extent=tuple(extent[place].tolist()), cells=(cells[0], cells[side], cells[up]), held_at_both=len(held) == 2,
-                poisson_ratio=scene.material.poisson_ratio, neo_hookean=scene.material.law == "neo-hookean", radius=obstacle.radius,
+                poisson_ratio=material.poisson_ratio, neo_hookean=material.law == "neo-hookean", radius=obstacle.radius,
                 round=obstacle.shape == "sphere", turn=turn, start=start, end=end, side=side, up=up, signs=tuple(signs.tolist()))
     return beam.mirrored() if (turn < 0 or (beam.round and end[1] < 0)) else beam

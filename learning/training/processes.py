@@ -24,6 +24,8 @@ from torch.nn.parallel import DistributedDataParallel
 from learning.config import TrainConfig
 from physics.schema import InputError
 
+CPU = torch.device("cpu")
+
 
 @dataclass(frozen=True)
 class Processes:
@@ -31,6 +33,7 @@ class Processes:
 
     rank: int = 0
     count: int = 1
+    device: torch.device = CPU
 
     @property
     def first(self) -> bool:
@@ -44,7 +47,7 @@ class Processes:
         """The first process's value."""
         if self.count == 1:
             return value
-        shared = torch.tensor([value], dtype=torch.float64)
+        shared = torch.tensor([value], dtype=torch.float64, device=self.device)
         distributed.broadcast(shared, 0)
         return float(shared)
 
@@ -52,13 +55,13 @@ class Processes:
         """The sum of the processes' values."""
         if self.count == 1:
             return value
-        shared = torch.tensor([value], dtype=torch.float64)
+        shared = torch.tensor([value], dtype=torch.float64, device=self.device)
         distributed.all_reduce(shared)
         return float(shared)
 
 
 @contextmanager
-def processes(config: TrainConfig) -> Iterator[Processes]:
+def processes(config: TrainConfig, device: torch.device = CPU) -> Iterator[Processes]:
     """The processes that torchrun has started, or this one. Raises `InputError` for a batch that cannot be shared evenly."""
     count = int(os.environ.get("WORLD_SIZE", "1"))
     if count == 1:
@@ -66,8 +69,8 @@ def processes(config: TrainConfig) -> Iterator[Processes]:
         return
     if config.batch_size % count:
         raise InputError(f"batch_size = {config.batch_size}: must be a multiple of the {count} processes")
-    distributed.init_process_group("gloo")
+    distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
     try:
-        yield Processes(distributed.get_rank(), count)
+        yield Processes(distributed.get_rank(), count, device)
     finally:
         distributed.destroy_process_group()

@@ -16,7 +16,7 @@ import scipy
 import torch
 
 from learning.config import TrainConfig
-from learning.networks.m4gn import M4GN
+from learning.networks.kinds import build
 from learning.prediction.checkpoint import Checkpoint, Model, load_weights, read_checkpoint, write_checkpoint
 from learning.samples.samples import Example, fingerprint, fit_normaliser
 from physics.schema import InputError, read_table, to_table
@@ -61,7 +61,7 @@ class Run:
         write_checkpoint(self.out / f"{name}.safetensors", saved)
 
 
-def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resume: bool) -> Run:
+def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resume: bool, device: torch.device) -> Run:
     """A run before its first step, or as its last checkpoint left it.
 
     Raises:
@@ -70,14 +70,14 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
     made = sum(float(example.trajectory.extra.get("seconds", 0.0)) for example in examples)
     about = About(to_table(config), fingerprint(examples), _versions(), made)
     torch.manual_seed(config.seed)
-    network = M4GN(config.network)
+    network = build(config.network).to(device)
     optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
     generator = torch.Generator().manual_seed(config.seed)
     if not resume:
         if config.estimate:  # begin with the estimate as it is
-            torch.nn.init.zeros_(network.decode.third.weight)
-            torch.nn.init.zeros_(network.decode.third.bias)
-        return Run(out, about, Model(config, network, fit_normaliser(examples, config), str(out)), optimizer, generator)
+            torch.nn.init.zeros_(network.last.weight)
+            torch.nn.init.zeros_(network.last.bias)
+        return Run(out, about, Model(config, network, fit_normaliser(examples, config).to(device), str(out)), optimizer, generator)
 
     path = out / "last.safetensors"
     saved = read_checkpoint(path)
@@ -89,7 +89,7 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
     optimizer.load_state_dict({"state": saved.optimizer, "param_groups": optimizer.state_dict()["param_groups"]})
     generator.set_state(saved.generator)
     return Run(out, About(**{**known, "config": about.config, "versions": about.versions}),
-               Model(config, network, saved.normaliser, str(out)), optimizer, generator)
+               Model(config, network, saved.normaliser.to(device), str(out)), optimizer, generator)
 
 
 def _check_same_run(saved: dict[str, Any], asked: About, out: Path) -> None:

@@ -1,4 +1,4 @@
-"""Train M4GN on trajectory files: one straight loop that can be stopped at any moment and resumed to the same weights.
+"""Train a network on trajectory files: one straight loop that can be stopped at any moment and resumed to the same weights.
 
     loss = mean over free nodes and components of (network(graph) - v / scale)^2
 
@@ -29,8 +29,9 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from learning.config import TrainConfig
+from learning.devices import device_of
 from learning.graphs.graph import Graph, join
-from learning.networks.m4gn import products
+from learning.networks.blocks import products
 from learning.prediction.memory import keep_freed_memory
 from learning.prediction.rollout import rollout_error
 from learning.samples.samples import Example, Normaliser, all_frames, chances, load_examples, sample
@@ -46,7 +47,7 @@ BAR = "{desc} {percentage:3.0f}%|{bar}| {elapsed} {postfix}"
 
 
 def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: Sequence[str | Path], out: str | Path, *,
-          steps: int | None = None, resume: bool = False) -> dict[str, Any]:
+          steps: int | None = None, resume: bool = False, device: str = "cpu") -> dict[str, Any]:
     """Train a network and leave it in a run folder.
 
     Args:
@@ -56,24 +57,27 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         out: run folder (layout in checkpoint.py)
         steps: stop after this step, before config.steps; the schedule of the learning rate stays that of config.steps
         resume: go on from RUN/last.safetensors, or begin where there is none
+        device: where the network runs (devices.py)
 
     Returns:
         {"run", "steps", "seconds", "ms_per_step", "loss", "best_error", "best_step", "last_error", "parameters",
         "samples"}; errors in metres (rollout_error, averaged over validation trajectories), None where there is none
 
     Raises:
-        InputError: bad files, a run of other data or config, a damaged checkpoint, a folder that holds a run already
+        InputError: bad files, a run of other data or config, a damaged checkpoint, a folder that holds a run already, a device that
+            is not there, a batch that its memory does not hold
         FloatingPointError: a loss that is not finite; the run folder keeps the last checkpoint
     """
     out = Path(out)
     keep_freed_memory()
-    with processes(config) as group:
+    where = device_of(device)
+    with processes(config, where) as group:
         begun = (out / "last.safetensors").exists()
         if begun and not resume:
             raise InputError(f"{out} holds a training already: resume it, or choose another folder")
         examples = load_examples(files_train, config)
         examples_valid = load_examples(files_valid, config, walk=True) if files_valid else []
-        run = set_up(config, examples, out, resume=begun)
+        run = set_up(config, examples, out, resume=begun, device=where)
         if group.first:
             write_whole(out / "config.toml", tomli_w.dumps(run.about.config).encode())
             write_seen(out, seen(example.trajectory for example in examples))
@@ -98,7 +102,10 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
             rate = learning_rate(config, progress(config, about.step, group.agreed(time.perf_counter() - start)))
             run.optimizer.param_groups[0]["lr"] = rate
             batch = draw(examples, frames, chance, config, run.generator)
-            losses.append(_step(learner, run.optimizer, model.normaliser, config, batch, group))
+            try:
+                losses.append(_step(learner, run.optimizer, model.normaliser, config, batch, group))
+            except torch.OutOfMemoryError:
+                raise InputError(_too_large(learner, run.optimizer, model.normaliser, config, batch)) from None
             about.step += 1
             about.seconds = group.agreed(time.perf_counter() - start)
             if not math.isfinite(losses[-1]):
@@ -149,14 +156,32 @@ def _step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Norm
     """One step of Adam on one batch; returns its loss."""
     components = 3 * sum(int(free.sum()) for _, _, free in batch)
     graphs, targets, masks = zip(*batch[group.rank::group.count], strict=True)
-    predicted = learner(normaliser.graph(join(graphs)))
-    errors = (predicted - torch.cat(targets) / normaliser.velocity)[torch.cat(masks)]
+    device = normaliser.velocity.device
+    predicted = learner(normaliser.graph(join(graphs).to(device)))
+    errors = (predicted - torch.cat(targets).to(device) / normaliser.velocity)[torch.cat(masks).to(device)]
     loss: Tensor = errors.square().sum() / components  # this process's part
     optimizer.zero_grad()
     (group.count * loss).backward()  # of which the processes' mean is taken
     torch.nn.utils.clip_grad_norm_(learner.parameters(), config.clip_norm)
     optimizer.step()
     return group.total(loss.item())
+
+
+def _too_large(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
+               batch: list[tuple[Graph, Tensor, Tensor]]) -> str:
+    """What to say when the device's memory does not hold a batch: how many samples it does hold, as found by halving."""
+    size = len(batch) // 2
+    while size:
+        optimizer.zero_grad(set_to_none=True)
+        if torch.cuda.is_available():
+            torch.cuda.empty_cache()
+        try:
+            _step(learner, optimizer, normaliser, config, batch[:size], Processes())
+        except torch.OutOfMemoryError:
+            size //= 2
+        else:
+            return f"batch_size = {config.batch_size}: the memory of {normaliser.velocity.device} does not hold it; {size} fits"
+    return f"batch_size = {config.batch_size}: the memory of {normaliser.velocity.device} does not hold a single sample"
 
 
 def _validate(run: Run, examples: Sequence[Example], curve: Curve) -> None:

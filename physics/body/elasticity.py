@@ -17,47 +17,50 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from physics import fem
-from physics.body.element import samples
+from physics.body.element import Samples, samples
 from physics.body.kernel import Kernel
-from physics.body.material import lame
+from physics.body.material import Cells, by_region, cellwise, lame
 from physics.linalg.stiffness import Stiffness
 from physics.mesh.mesh import Mesh
-from physics.scene import Material
+from physics.scene import Materials
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
 
 
 class Elasticity:
-    """Energy, forces and stiffness of a body of one material; `fixed` (N, 3) marks the held components.
+    """Energy, forces and stiffness of a body of one material, or of several by region; `fixed` (N, 3) marks the held components.
 
     Attributes:
         cells: (C, n) nodes of each cell, 32-bit
     """
 
-    def __init__(self, mesh: Mesh, material: Material, fixed: NDArray[np.bool_], element: str = "standard") -> None:
-        """Args: element of element.py. Raises `InputError` for a plane body."""
-        if mesh.dimension != 3:
-            raise InputError("a plane body has modes, but no finite strains here: give a solid one")
-        if material.orthotropic is not None:
+    def __init__(self, mesh: Mesh, material: Materials, fixed: NDArray[np.bool_], element: str = "standard") -> None:
+        """Args: element of element.py. Raises `InputError` where not every cell has one material."""
+        parts = by_region(material, mesh)
+        if any(own.orthotropic is not None for own, _ in parts):
             raise InputError("material.orthotropic: has modes at rest, but no law of finite strain here: give an isotropic material")
         self.mesh, self.material, self.fixed, self.element = mesh, material, fixed, element
-        self._kernel, self._lame = Kernel(material.law, mesh.cells, samples(mesh, element)), lame(material)
-        self.cells = self._kernel.cells
+        sampled = samples(mesh, element)
+        self._parts = [(_kernel(own.law, mesh, sampled, cells), lame(own), cells) for own, cells in parts]
+        self.cells = np.ascontiguousarray(mesh.cells, np.int32)
         self._matrix: Matrix | None = None
 
     @cached_property
     def space(self) -> fem.Space:
         """dolfinx's numbering of the same body."""
-        return fem.Space(self.mesh)
+        return fem.Space(self.mesh, components=3)
 
     def energy(self, u: Floats) -> float:
         """Stored energy [J] at displacements (N, 3) [m]; nan where the law has none (a cell turned inside out)."""
-        return float(self._kernel.energies(u, self._lame).sum())
+        return sum(float(kernel.energies(u, moduli).sum()) for kernel, moduli, _ in self._parts)
 
     def force(self, u: Floats) -> Floats:
         """Internal nodal forces (N, 3) [N] at displacements (N, 3) [m]."""
-        return self._kernel.forces(u, self._lame)
+        found = np.zeros(u.shape)
+        for kernel, moduli, _ in self._parts:
+            kernel.forces(u, moduli, found)
+        return found
 
     def stiffness(self, u: Floats) -> PETSc.Mat:
         """Tangent stiffness at displacements (N, 3) in dolfinx's order, held rows and columns those of the identity.
@@ -72,8 +75,8 @@ class Elasticity:
 
         scale: of the stiffness; all laws are linear in Lame's parameters
         """
-        first, second = self._lame
-        self._kernel.add_stiffness(u, (scale * first, scale * second), slot, out)
+        for kernel, (first, second), cells in self._parts:
+            kernel.add_stiffness(u, (scale * first, scale * second), slot[cells], out)
 
     def pairs(self, unknown: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Which entries of a stiffness a cell adds to: rows and columns (C, d (d + 1) / 2), none of them twice.
@@ -88,7 +91,7 @@ class Elasticity:
     def mass(self) -> PETSc.Mat:
         """Consistent mass matrix in dolfinx's order, no component held; the caller destroys it."""
         v, w = ufl.TestFunction(self.space.V), ufl.TrialFunction(self.space.V)
-        density = self.space.constant(self.material.density)
+        density = self.space.number(cellwise(self.material, self.mesh, lambda own: own.density * self.mesh.thickness))
         dx = ufl.dx(metadata={"quadrature_degree": fem.MASS_DEGREE[self.mesh.cell]})
         return fem.matrix(density * ufl.inner(w, v) * dx)
 
@@ -102,11 +105,16 @@ class Elasticity:
         return self.space.from_dofs(left.array)
 
 
-def small_strain_stiffness(space: fem.Space, mesh: Mesh, material: Material, element: str) -> PETSc.Mat:
+def _kernel(law: str, mesh: Mesh, sampled: Samples, cells: Cells) -> Kernel:
+    return Kernel(law, mesh.cells[cells], Samples(sampled.gradients[:, cells], sampled.volumes[:, cells], sampled.parts), sheet=mesh.sheet)
+
+
+def small_strain_stiffness(space: fem.Space, mesh: Mesh, material: Materials, element: str) -> PETSc.Mat:
     """Stiffness by Hooke's law in a space's order, no component held; the caller destroys it. For one process."""
     matrix = Matrix(space, mesh, np.zeros(mesh.points.shape, bool))
-    kernel = Kernel("linear", mesh.cells, samples(mesh, element))
-    kernel.add_stiffness(np.zeros(mesh.points.shape), lame(material), matrix.slot, matrix.values)
+    sampled, rest = samples(mesh, element), np.zeros(mesh.points.shape)
+    for own, cells in by_region(material, mesh):
+        _kernel("linear", mesh, sampled, cells).add_stiffness(rest, lame(own), matrix.slot[cells], matrix.values)
     return matrix.complete().copy()
 
 

@@ -51,11 +51,11 @@ class Samples:
 
 
 def samples(mesh: Mesh, element: str = "standard") -> Samples:
-    """The sample points of an element on a mesh of solid cells. Raises `InputError` for cells that it is not for."""
+    """The sample points of an element on a mesh. Raises `InputError` for cells that it is not for."""
     gradients, volumes = _isoparametric(mesh, CELLS[mesh.cell].points, CELLS[mesh.cell].weights)
     if element == "standard":
         return Samples(gradients, volumes, np.ones((len(volumes), 2)))
-    if mesh.cell == "tetrahedron" or (element == "reduced" and mesh.cell != "prism"):
+    if mesh.cell == "tetrahedron" or mesh.dimension == 2 or (element == "reduced" and mesh.cell != "prism"):
         raise InputError(f"body.element = {element!r}: not for {CELLS[mesh.cell].plural}; leave it out")
     mean, volume = _mean(gradients, volumes)
     if element == "reduced":
@@ -67,9 +67,11 @@ def samples(mesh: Mesh, element: str = "standard") -> Samples:
 
 
 def _isoparametric(mesh: Mesh, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Gradients (P, C, n, 3) and volumes (P, C) at points of every cell."""
+    """Gradients (P, C, n, 3) and volumes (P, C) at points of every cell; those of a plane cell have no part along z."""
     local = CELLS[mesh.cell].shapes(points)[1]  # (P, n, 3)
     jacobian = np.einsum("cni,pnj->pcij", mesh.points[mesh.cells], local)
+    if mesh.dimension == 2:
+        jacobian[..., 2, 2] = mesh.thickness
     return local[:, None] @ np.linalg.inv(jacobian), weights[:, None] * np.linalg.det(jacobian)
 
 

@@ -37,20 +37,20 @@ PACK, LOOPS = ((Path(__file__).parent / name).read_text() for name in ("pack.cpp
 class Kernel:
     """The sample points of one mesh, ready for a law. Every call adds to, or fills, the array that it returns."""
 
-    def __init__(self, law: str, cells: NDArray[np.int64], samples: Samples) -> None:
-        """Args: law of material.py; cells (C, n). Raises `InputError` for an unknown law."""
+    def __init__(self, law: str, cells: NDArray[np.int64], samples: Samples, *, sheet: bool = False) -> None:
+        """Args: law of material.py; cells (C, n); sheet: no stress across it, along z. Raises `InputError` for an unknown law."""
         law_of(law)
         self.cells = np.ascontiguousarray(cells, np.int32)
         self._table, self._parts = _packs(samples), samples.parts
-        self._library = _library(law, self.cells.shape[1], len(samples.volumes))
+        self._library = _library(law, self.cells.shape[1], len(samples.volumes), sheet)
 
     def energies(self, u: Floats, lame: tuple[float, float]) -> Floats:
         """(C,) [J] at displacements (N, 3) [m], for Lame's parameters (lambda, mu) [Pa]."""
         return self._run("energies", u, lame, np.empty(len(self.cells)))
 
-    def forces(self, u: Floats, lame: tuple[float, float]) -> Floats:
-        """(N, 3) internal nodal forces [N]."""
-        return self._run("forces", u, lame, np.zeros(u.shape))
+    def forces(self, u: Floats, lame: tuple[float, float], out: Floats | None = None) -> Floats:
+        """(N, 3) internal nodal forces [N], added to others where there are some."""
+        return self._run("forces", u, lame, np.zeros(u.shape) if out is None else out)
 
     def add_stiffness(self, u: Floats, lame: tuple[float, float], slot: NDArray[np.int32], out: Floats) -> None:
         """Add the upper half of each cell's tangent stiffness, row by row, to out[slot], slot (C, d (d + 1) / 2)."""
@@ -95,12 +95,12 @@ def energy_density(law: str, F: Any, lmbda: Any, mu: Any) -> Any:
 
 
 @cache
-def _library(law: str, nodes: int, points: int) -> ctypes.CDLL:
+def _library(law: str, nodes: int, points: int, sheet: bool) -> ctypes.CDLL:
     """The compiled loops."""
     domain, tensors = fem.tensors()
     F, S, T = ufl.Coefficient(tensors), ufl.TestFunction(tensors), ufl.TrialFunction(tensors)
     energy = energy_density(law, F, ufl.Constant(domain), ufl.Constant(domain)) * ufl.dx(metadata={"quadrature_degree": 0})
-    loops = f"#define NODES {nodes}\n#define POINTS {points}\n{LOOPS}"
+    loops = f"#define NODES {nodes}\n#define POINTS {points}\n" + "#define SHEET\n" * sheet + LOOPS
 
     def source() -> str:
         stress = ufl.derivative(energy, F, S)

@@ -9,6 +9,31 @@ static inline void gather(const int32_t *cell, int64_t left, const double *u, pa
       for (int k = 0; k < 3; ++k) to[3 * a + k].x[l] = p[k];
     }
 }
+#ifdef SHEET
+/* The stretch across a thin sheet, by Newton's method: there is no stress across it, P_33 = 0. */
+static inline void thin(pack *F, const double *c) {
+  for (int i = 0; i < 40; ++i) {
+    pack S[9], A[81];
+    for (int k = 0; k < 9; ++k) S[k] = 0.0;
+    for (int k = 0; k < 81; ++k) A[k] = 0.0;
+    stress(S, F, c, unit, nullptr, nullptr);
+    tangent(A, F, c, unit, nullptr, nullptr);
+    const pack step = S[8] / A[80];
+    double farthest = 0;
+    for (int l = 0; l < 8; ++l) {
+      const double next = F[8].x[l] - step.x[l];
+      F[8].x[l] = next < F[8].x[l] / 2 ? F[8].x[l] / 2 : next; /* a stretch is positive */
+      farthest = std::fmax(farthest, std::fabs(step.x[l]));
+    }
+    if (farthest < 1e-13) return;
+  }
+}
+/* The tangent in the plane when the stretch across follows. */
+static inline void condense(pack *A) {
+  for (int m = 0; m < 8; ++m)
+    for (int k = 0; k < 8; ++k) A[9 * m + k] += -A[9 * m + 8] * A[72 + k] / A[80];
+}
+#endif
 /* A function of F, given the gradients of one sample point. */
 template <class Law> static inline void at(Law law, const pack *u, const pack *g, const double *c, int size, pack *out) {
   pack F[9];
@@ -17,6 +42,9 @@ template <class Law> static inline void at(Law law, const pack *u, const pack *g
       F[3 * i + j] = double(i == j);
       for (int a = 0; a < n; ++a) F[3 * i + j] += u[3 * a + i] * g[3 * a + j];
     }
+#ifdef SHEET
+  thin(F, c);
+#endif
   for (int i = 0; i < size; ++i) out[i] = 0.0;
   law(out, F, c, unit, nullptr, nullptr);
 }
@@ -69,6 +97,9 @@ extern "C" void stiffnesses(int64_t cells, const int32_t *nodes, const pack *tab
     OVER_POINTS
       pack A[81];
       at(tangent, x, g, lame, 81, A);
+#ifdef SHEET
+      condense(A);
+#endif
       for (int a = 0; a < n; ++a) {
         pack G[3], T[27];
         for (int j = 0; j < 3; ++j) G[j] = V * g[3 * a + j];

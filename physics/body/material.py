@@ -1,4 +1,4 @@
-"""Strain energies of isotropic solids, in J per cubic metre of the rest body, as functions of two invariants.
+"""Strain energies of isotropic solids, in J per cubic metre of the rest body, as functions of two invariants; what is made of which.
 
 F = I + grad u is the deformation gradient, J = det F, C = F^T F, E = (C - I)/2 the Green-Lagrange strain, e = sym(grad u) the
 small one. From Young's modulus and Poisson's ratio: mu the shear modulus, lambda Lame's first parameter, K the bulk modulus [Pa].
@@ -21,12 +21,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.scene import Material, Orthotropic
-from physics.schema import Bound
+from physics.mesh.mesh import Mesh
+from physics.scene import Material, Materials, Orthotropic
+from physics.schema import Bound, InputError
 
 Floats = NDArray[np.float64]
+Cells = NDArray[np.int64] | slice  # numbers of cells (c,), or all of them
 Expression = Any  # of UFL, which has no useful types, or an array
 STEP = 1e-30  # along the imaginary axis: its square is nothing beside 1
+AT_ONCE = 1024  # points, so that what is between stays in the cache
 
 
 @dataclass(frozen=True)
@@ -79,21 +82,79 @@ def stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
 
     Args: lambda and mu (Q,), of which it has the unit
     """
-    F, strain = H + np.eye(3), (H + H.swapaxes(1, 2)) / 2
+    found = np.empty_like(H)
+    for part in (slice(start, start + AT_ONCE) for start in range(0, len(H), AT_ONCE)):
+        found[part] = _stress(law, H[part], lmbda[part], mu[part])
+    return found
+
+
+def _stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
+    F = H + np.eye(3)
     if law.invariants == "stretch":
-        cofactor = np.stack([np.cross(F[:, i - 2], F[:, i - 1]) for i in range(3)], axis=1)  # J F^-T
-        a, b = (F * F).sum(axis=(1, 2)), (F[:, 0] * cofactor[:, 0]).sum(axis=1)
+        cofactor = np.empty_like(F)  # J F^-T
+        for i, j in np.ndindex(3, 3):
+            cofactor[:, i, j] = F[:, i - 2, j - 2] * F[:, i - 1, j - 1] - F[:, i - 2, j - 1] * F[:, i - 1, j - 2]
+        a, b = np.einsum("qij,qij->q", F, F), np.einsum("qi,qi->q", F[:, 0], cofactor[:, 0])
         b[b <= 0] = np.nan
         slopes = 2 * F, cofactor
     else:
+        strain = (H + H.swapaxes(1, 2)) / 2
         small = law.invariants == "small strain"
         strain = strain if small else strain + H.swapaxes(1, 2) @ H / 2
         a, b = np.trace(strain, axis1=1, axis2=2), (strain * strain).sum(axis=(1, 2))
         slopes = (np.eye(3), 2 * strain) if small else (F, 2 * F @ strain)
     by_a = law.energy(a + 1j * STEP, b, lmbda, mu, np.log).imag / STEP
     by_b = law.energy(a, b + 1j * STEP, lmbda, mu, np.log).imag / STEP
-    found: Floats = by_a[:, None, None] * slopes[0] + by_b[:, None, None] * slopes[1]
+    return np.asarray(by_a[:, None, None] * slopes[0] + by_b[:, None, None] * slopes[1])
+
+
+def by_region(materials: Materials, mesh: Mesh) -> list[tuple[Material, Cells]]:
+    """Each material of a body with the cells that are made of it. Raises `InputError` unless every cell has exactly one."""
+    if isinstance(materials, Material):
+        return [(materials, slice(None))]
+    of = np.full(len(mesh.cells), -1)
+    for i, material in enumerate(materials):
+        if material.where is None:
+            continue
+        try:
+            inside = mesh.region(material.where)
+        except InputError as error:
+            raise InputError(f"material[{i}].where = {material.where!r}: {error}") from None
+        if (of[inside] >= 0).any():
+            cell = np.flatnonzero(inside & (of >= 0))[0]
+            raise InputError(f"material[{i}].where = {material.where!r}: {(of[inside] >= 0).sum()} of its cells are of "
+                             f"material[{of[cell]}] already, {_lies(mesh, cell)}; every cell has one material")
+        of[inside] = i
+    rest = [i for i, material in enumerate(materials) if material.where is None]
+    if rest and (of >= 0).all():
+        raise InputError(f"material[{rest[0]}]: is that of all other cells, and there are none: the others have every cell of the body")
+    if not rest and (of < 0).any():
+        raise InputError(f"material: {(of < 0).sum()} of {len(of)} cells have none, {_lies(mesh, np.flatnonzero(of < 0)[0])}; "
+                         "a material without where is that of all other cells")
+    of[of < 0] = rest[0] if rest else -1
+    return [(material, np.flatnonzero(of == i)) for i, material in enumerate(materials)]
+
+
+def _lies(mesh: Mesh, cell: np.int64) -> str:
+    centre = mesh.points[mesh.cells[cell]].mean(axis=0)
+    return f"the first about ({', '.join(f'{x:.4g}' for x in centre)}) m"
+
+
+def cellwise(materials: Materials, mesh: Mesh, value: Callable[[Material], float]) -> float | Floats:
+    """A value of a body's material: one number, or of several materials one for each cell (C,)."""
+    if isinstance(materials, Material):
+        return value(materials)
+    found = np.empty(len(mesh.cells))
+    for material, cells in by_region(materials, mesh):
+        found[cells] = value(material)
     return found
+
+
+def hooke(material: Material, plane: str | None = None) -> tuple[Floats, tuple[float, ...]]:
+    """What `orthotropic_stiffness` gives, of any material."""
+    first, second = material.young_modulus, lame(material)[1]
+    return orthotropic_stiffness(material.orthotropic or Orthotropic(
+        young_moduli=(first,) * 3, poisson_ratios=(material.poisson_ratio,) * 3, shear_moduli=(second,) * 3), plane)
 
 
 def orthotropic_stiffness(material: Orthotropic, plane: str | None = None) -> tuple[Floats, tuple[float, ...]]:

@@ -1,6 +1,7 @@
 """Pressure p [Pa] on faces of a body, along their normal: dead, on the rest facets, or following the facets as they move.
 
-With x the corners of a facet, N_a its shape functions and t_k = sum_b N_b,k x_b its tangents, the nodal forces on the body are
+With x the corners of a facet, N_a its shape functions and t_k = sum_b N_b,k x_b its tangents (of the side of a plane body t_1 = h e_z,
+h the thickness), the nodal forces on the body are
 
     f_a = -p sum_g w_g N_a t_0 x t_1        over the Gauss points g, exact for plane and for warped facets
 
@@ -25,7 +26,7 @@ from physics.body.elasticity import Elasticity
 from physics.body.schedule import share
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
-from physics.scene import Load, Material
+from physics.scene import Load, Materials
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -34,26 +35,35 @@ Integers = NDArray[np.int64]
 _SIGN = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 _AT = _SIGN[:, None] * _SIGN[None] / np.sqrt(3)  # (k, g, 2)
 POINTS = {
+    2: (np.ones(1), np.full((1, 2), 1 / 2), np.array([[[-1.0, 1.0], [0.0, 0.0]]])),
     3: (np.array([0.5]), np.full((1, 3), 1 / 3), np.array([[[-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]]])),
     4: (np.ones(4), np.prod(1 + _AT, axis=2).T / 4, (_SIGN[:, None] * (1 + _AT)[:, :, ::-1] / 4).transpose(1, 2, 0)),
 }
 
 
-def pressure_force(points: Floats, facets: list[Integers], pressure: float) -> Floats:
+def _tangents(points: Floats, corners: Integers, thickness: float) -> Floats:
+    """(F, g, 2, 3) of facets (F, k) at their Gauss points."""
+    tangent: Floats = np.einsum("gka,fai->fgki", POINTS[corners.shape[1]][2], points[corners])
+    if corners.shape[1] == 2:
+        tangent[:, :, 1, 2] = thickness
+    return tangent
+
+
+def pressure_force(points: Floats, facets: list[Integers], pressure: float, thickness: float = 1.0) -> Floats:
     """(N, 3) nodal forces [N] of a pressure [Pa] on facets with their corners at points (N, 3), outward by the right-hand rule."""
     force = np.zeros_like(points)
     for corners in facets:
-        weight, shape, slope = POINTS[corners.shape[1]]
-        tangent = np.einsum("gka,fai->fgki", slope, points[corners])
+        weight, shape, _ = POINTS[corners.shape[1]]
+        tangent = _tangents(points, corners, thickness)
         normal = np.cross(tangent[:, :, 0], tangent[:, :, 1])  # (F, g, 3)
         np.add.at(force, corners, -pressure * np.einsum("g,ga,fgi->fai", weight, shape, normal))
     return force
 
 
-def pressure_stiffness(points: Floats, corners: Integers, pressure: float) -> Floats:
+def pressure_stiffness(points: Floats, corners: Integers, pressure: float, thickness: float = 1.0) -> Floats:
     """(F, 3 k, 3 k) the symmetric part of -df/dx of some facets (F, k) [N/m]."""
     weight, shape, slope = POINTS[corners.shape[1]]
-    tangent = np.einsum("gka,fai->fgki", slope, points[corners])
+    tangent = _tangents(points, corners, thickness)
     cross = np.einsum("ijk,fgmj->fgmik", _LEVI_CIVITA, tangent)  # [t_m]: ([t] v)_i = e_ijk t_j v_k
     turn = np.einsum("gb,fgik->fgbik", slope[:, 1], cross[:, :, 0]) - np.einsum("gb,fgik->fgbik", slope[:, 0], cross[:, :, 1])
     whole = pressure * np.einsum("g,ga,fgbik->faibk", weight, shape, turn).reshape(len(corners), 3 * corners.shape[1], -1)
@@ -70,7 +80,7 @@ class Pressed(Elasticity):
     fraction: of the steps, at which the pressures act; factored: that of the stiffness that was asked for last
     """
 
-    def __init__(self, mesh: Mesh, material: Material, fixed: NDArray[np.bool_], element: str,
+    def __init__(self, mesh: Mesh, material: Materials, fixed: NDArray[np.bool_], element: str,
                  faces: list[tuple[list[Integers], Load]]) -> None:
         """Args: faces: facets, and the load whose pressure they are under."""
         super().__init__(mesh, material, fixed, element)
@@ -84,7 +94,8 @@ class Pressed(Elasticity):
 
     def _pressed(self, u: Floats) -> Floats:
         at = self.mesh.points + u
-        return sum((pressure_force(at, [facets], self._pressure(load)) for facets, load in self._faces), np.zeros_like(at))
+        forces = (pressure_force(at, [facets], self._pressure(load), self.mesh.thickness) for facets, load in self._faces)
+        return sum(forces, np.zeros_like(at))
 
     def _pressure(self, load: Load) -> float:
         """[Pa] at the fraction of the steps."""
@@ -95,7 +106,7 @@ class Pressed(Elasticity):
         super().add_stiffness(u, slot, out, scale=scale)
         self.factored = self.fraction
         for (facets, load), (cell, entry, upper) in zip(self._faces, self._places, strict=True):
-            added = pressure_stiffness(self.mesh.points + u, facets, scale * self._pressure(load))
+            added = pressure_stiffness(self.mesh.points + u, facets, scale * self._pressure(load), self.mesh.thickness)
             np.add.at(out, slot[cell, entry], added[upper])
 
     def work(self, u: Floats) -> float:
@@ -103,7 +114,8 @@ class Pressed(Elasticity):
         work = 0.0
         for (facets, load), middle in zip(self._faces, self._middle, strict=True):
             for sign, at in ((1, self.mesh.points + u), (-1, self.mesh.points)):
-                work += sign * float((pressure_force(at, [facets], self._pressure(load)) * (at - middle)).sum()) / 3
+                force = pressure_force(at, [facets], self._pressure(load), self.mesh.thickness)
+                work += sign * float((force * (at - middle)).sum()) / self.mesh.dimension
         return work
 
 

@@ -25,6 +25,11 @@ def share(part: Load | Support, fraction: float) -> float:
     return fraction if part.steps is None or part.factor is None else float(np.interp(fraction, part.steps, part.factor))
 
 
+def largest_share(part: Load | Support) -> float:
+    """Of the full load or displacement, over all steps, without its sign."""
+    return 1.0 if part.factor is None else max(map(abs, part.factor))
+
+
 def scheduled(part: Load | Support) -> bool:
     """Whether a part does not simply grow with the steps."""
     return part.steps is not None or (isinstance(part, Support) and part.angle is not None)

@@ -22,16 +22,18 @@ Legend: N nodes, C cells, n nodes of a cell, M tensors, k pairs of a node and a 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from physics.body.element import Samples
 from physics.body.kernel import Kernel
-from physics.body.material import lame
+from physics.body.material import by_region, lame
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import centre_gradients
-from physics.scene import Material
+from physics.scene import Material, Materials
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +44,7 @@ def deformation(mesh: Mesh, displacement: ArrayLike) -> Floats:
     """(C, 3, 3) deformation gradient F at the cells' centres for displacements (N, 3) [m]."""
     gradients = centre_gradients(mesh.cell)  # (n, 3)
     rest = np.einsum("cni,nk->cik", mesh.points[mesh.cells], gradients)
+    rest[:, mesh.dimension:, mesh.dimension:] = np.eye(3 - mesh.dimension)
     moved = np.einsum("cni,nk->cik", np.asarray(displacement, np.float64)[mesh.cells], gradients)
     return np.eye(3) + moved @ np.linalg.inv(rest)  # not by the positions, whose rounding would be stress in a body at rest
 
@@ -54,12 +57,28 @@ def first_piola(F: Floats, material: Material) -> Floats:
     return kernel.forces(columns, lame(material)).reshape(-1, 3, 3).transpose(0, 2, 1)
 
 
-def cauchy(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
+def thinned(F: Floats, material: Material) -> Floats:
+    """(M, 3, 3) F with the stretch F_33 at which a thin sheet has no stress across, P_33 = 0, by Newton's method."""
+    F, small = F.copy(), np.sqrt(np.finfo(float).eps)
+    for _ in range(40):
+        across, beside = F[:, 2, 2].copy(), F + small * np.diag([0.0, 0.0, 1.0])
+        here, there = (first_piola(each, material)[:, 2, 2] for each in (F, beside))
+        F[:, 2, 2] = np.maximum(across - here * small / (there - here), across / 2)
+        if not (abs(F[:, 2, 2] - across) > 1e-13).any():
+            break
+    return F
+
+
+def cauchy(mesh: Mesh, displacement: ArrayLike, material: Materials) -> Floats:
     """(C, 3, 3) sigma [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
     F = deformation(mesh, displacement)
     with np.errstate(invalid="ignore", divide="ignore"):
-        sigma = first_piola(F, material)
-        return sigma if material.law == "linear" else sigma @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        found = np.empty_like(F)
+        for own, cells in by_region(material, mesh):
+            f = thinned(F[cells], own) if mesh.sheet else F[cells]
+            sigma = first_piola(f, own)
+            found[cells] = sigma if own.law == "linear" else sigma @ f.transpose(0, 2, 1) / np.linalg.det(f)[:, None, None]
+        return found
 
 
 def von_mises_of(sigma: Floats) -> Floats:
@@ -69,13 +88,22 @@ def von_mises_of(sigma: Floats) -> Floats:
         return np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
 
 
-def von_mises(mesh: Mesh, displacement: ArrayLike, material: Material) -> Floats:
+def von_mises(mesh: Mesh, displacement: ArrayLike, material: Materials) -> Floats:
     """(C,) von Mises stress [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
     return von_mises_of(cauchy(mesh, displacement, material))
 
 
-def recovery(mesh: Mesh) -> scipy.sparse.csr_matrix:
-    """(N, C) what the value at each cell's centre counts at each node of a solid body; a node of no cell has zeros."""
+def recovery(mesh: Mesh, material: Materials | None = None) -> scipy.sparse.csr_matrix:
+    """(N, C) what the value at each cell's centre counts at each node; a node of no cell has zeros.
+
+    Of several materials each one is fitted by itself, for stress jumps between them; a node that they share has the mean.
+    """
+    if isinstance(material, tuple):
+        found = scipy.sparse.csr_matrix((len(mesh.points), len(mesh.cells)))
+        for _, cells in by_region(material, mesh):
+            whole = scipy.sparse.identity(len(mesh.cells), format="csr")[cells]
+            found += recovery(replace(mesh, cells=mesh.cells[cells])) @ whole
+        return scipy.sparse.diags(1 / np.maximum(np.asarray(found.sum(axis=1)).ravel(), 1.0)) @ found
     n, corners = mesh.cells.shape[1], mesh.points[mesh.cells]
     ends = n * np.arange(len(mesh.cells) + 1)
     touches = scipy.sparse.csr_matrix((np.ones(mesh.cells.size), mesh.cells.ravel(), ends), shape=(len(mesh.cells), len(mesh.points)))
@@ -95,6 +123,7 @@ def recovery(mesh: Mesh) -> scipy.sparse.csr_matrix:
     apart = away - middle[node]
     own = corners - centre[:, None]
     size = mean((np.einsum("cni,cnj->cij", own, own) / n)[cell])  # (N, 3, 3) spread of the nodes of the cells
+    size[:, mesh.dimension:, mesh.dimension:] = np.eye(3 - mesh.dimension)
     size[np.bincount(node, minlength=len(mesh.points)) == 0] = np.eye(3)
     unit = np.linalg.inv(np.linalg.cholesky(size))
     spread, axes = np.linalg.eigh(unit @ mean(apart[:, :, None] * apart[:, None, :]) @ unit.transpose(0, 2, 1))
@@ -104,10 +133,10 @@ def recovery(mesh: Mesh) -> scipy.sparse.csr_matrix:
     return scipy.sparse.csr_matrix((share, (node, cell)), shape=(len(mesh.points), len(mesh.cells)))
 
 
-def nodal_stress(mesh: Mesh, displacement: ArrayLike, material: Material, at_nodes: scipy.sparse.csr_matrix | None = None) -> Floats:
+def nodal_stress(mesh: Mesh, displacement: ArrayLike, material: Materials, at_nodes: scipy.sparse.csr_matrix | None = None) -> Floats:
     """(N, 3, 3) Cauchy stress [Pa] at the nodes for displacements (N, 3) [m]; not a number near an inverted cell.
 
     at_nodes: `recovery` of the mesh, where it is at hand
     """
-    at_nodes = recovery(mesh) if at_nodes is None else at_nodes
+    at_nodes = recovery(mesh, material) if at_nodes is None else at_nodes
     return np.asarray(at_nodes @ cauchy(mesh, displacement, material).reshape(-1, 9)).reshape(-1, 3, 3)

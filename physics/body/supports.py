@@ -24,6 +24,7 @@ def held(scene: Scene, mesh: Mesh) -> NDArray[np.bool_]:
     for support in scene.support:
         for letter in support.fixed:
             fixed[mesh.place(support.where), "xyz".index(letter)] = True
+    fixed[:, mesh.dimension:] = True  # a plane body stays in its plane
     return fixed
 
 
@@ -96,7 +97,7 @@ def traction_load(scene: Scene, mesh: Mesh) -> Floats:
                 raise InputError(f"load[{i}].where = {load.where!r}: {wrong}; a traction needs a face")
             force += nodal_areas(mesh, load.where)[:, None] * np.array(load.traction)
         if load.pressure is not None and load.where is not None and not load.follower:
-            force += pressure_force(mesh.points, outer_facets(mesh, load.where, f"load[{i}].where"), load.pressure)
+            force += pressure_force(mesh.points, outer_facets(mesh, load.where, f"load[{i}].where"), load.pressure, mesh.thickness)
     return force
 
 
@@ -122,11 +123,13 @@ def _no_face(mesh: Mesh, where: str | Where) -> str:
 
 
 def nodal_areas(mesh: Mesh, place: str | Where) -> Floats:
-    """(N,) integral of each node's shape function over the facets of a place [m2]."""
+    """(N,) integral of each node's shape function over the facets of a place, of a plane body times its thickness [m2]."""
     areas = np.zeros(len(mesh.points))
     for facets in mesh.facets(place):
         x = mesh.points[facets]
-        if facets.shape[1] == 3:
+        if facets.shape[1] == 2:
+            share = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)[:, None] * mesh.thickness / 2
+        elif facets.shape[1] == 3:
             share = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)[:, None] / 6
         else:
             share = _bilinear_shares(x)

@@ -1,7 +1,8 @@
-"""Where is the obstacle, and what does it do to the body?
+"""Where are the obstacles, and what do they do to the body?
 
     obstacles    shapes: distance, normal, curvature, extents; one of them on its path
     surfaces     their surfaces as meshes
+    several      many of them, felt as one
     conditions   the contact condition gap >= 0, p >= 0, p gap = 0, at points of the body's surface
     touch        contact condensed to the nodes that it takes part in
 """

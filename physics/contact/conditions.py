@@ -18,6 +18,8 @@ Legend: N nodes, Q points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.linalg
 import scipy.optimize
@@ -25,7 +27,9 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from physics.contact.obstacles import Rigid
+from physics.contact.several import Rigids
 from physics.mesh.mesh import Mesh
+from physics.scene import Obstacle
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -50,14 +54,14 @@ class ContactSurface:
     def __init__(self, mesh: Mesh, kind: str, held: NDArray[np.bool_], width: float = np.inf) -> None:
         """Args: kind "facets" or "nodes"; held (N,): not in contact; width: smallest of the obstacle [m].
 
-        A quadrilateral has nine points and a triangle six, or, where the longest facet is longer than the obstacle is wide, so many
-        more that two points are nowhere further apart along an edge than half of the width.
+        A quadrilateral has nine points, a triangle six and the side of a plane cell three, or, where the longest facet is longer than
+        the obstacle is wide, so many more that two points are nowhere further apart along an edge than half of the width.
 
         Raises:
             InputError: the obstacle is so thin that it could pass between the points
         """
         longest = max(float(np.linalg.norm(mesh.points[facets] - mesh.points[np.roll(facets, 1, axis=1)], axis=2).max())
-                      for facets in mesh.surface if len(facets))
+                      for facets in mesh.boundary if len(facets))
         divisions = int(np.ceil(longest / width * (1 - 1e-9))) or 1
         if kind == "nodes" and divisions > 1:
             raise InputError(f"obstacle: {width:.3g} m wide, it could pass between nodes {longest:.3g} m apart; give smaller cells, or "
@@ -80,14 +84,25 @@ class ContactSurface:
         return self.weights @ x
 
 
+class Surfaces(ContactSurface):
+    """The points of several surfaces, one after the other."""
+
+    def __init__(self, each: Sequence[ContactSurface]) -> None:
+        self.weights = scipy.sparse.vstack([surface.weights for surface in each], format="csr")
+        self.area = np.concatenate([surface.area for surface in each])
+
+
 def _points(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
     """Point number, node and weight triplets, and areas, of the points of all facets, each facet divided along its edges."""
     rows, columns, values, areas, count = [], [], [], [], 0
-    rules = {4: _on_quadrilateral(divisions), 3: _on_triangle(divisions)}
-    for facets in mesh.surface:
+    line, along = _simpson(divisions)
+    rules = {4: _on_quadrilateral(divisions), 3: _on_triangle(divisions), 2: (line, along / (6 * divisions))}
+    for facets in mesh.boundary:
         shape, share = rules[facets.shape[1]]
         corner = mesh.points[facets]
-        if facets.shape[1] == 3:
+        if facets.shape[1] == 2:
+            size = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1) * mesh.thickness
+        elif facets.shape[1] == 3:
             size = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
         else:
             size = np.linalg.norm(np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]), axis=1) / 2
@@ -102,16 +117,21 @@ def _points(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.i
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(values), np.concatenate(areas)
 
 
+def _simpson(divisions: int) -> tuple[Floats, Floats]:
+    """Shape functions (P, 2) and shares (P,) of a line times 6 divisions, by Simpson's rule: of each part ends and middle."""
+    along = np.linspace(0, 1, 2 * divisions + 1)
+    share = np.tile([2.0, 4.0], divisions + 1)[:-1]
+    share[[0, -1]] = 1
+    return np.stack([1 - along, along], axis=1), share
+
+
 def _on_quadrilateral(divisions: int) -> tuple[Floats, Floats]:
     """Shape functions (P, 4) and shares of the area (P,) of Simpson's rule: of each part corners, middles of edges, centre.
 
     All shares are positive, and a pressure that is linear over a facet gives its exact nodal forces; on triangles an even one does.
     """
-    along = np.linspace(0, 1, 2 * divisions + 1)
-    one, share = np.stack([1 - along, along], axis=1), np.tile([2.0, 4.0], divisions + 1)[:-1]
-    share[[0, -1]] = 1
-    return (np.einsum("ia,jb->ijab", one, one).reshape(-1, 4)[:, [0, 2, 3, 1]],
-            np.outer(share, share).ravel() / (6 * divisions) ** 2)
+    one, share = _simpson(divisions)
+    return np.einsum("ia,jb->ijab", one, one).reshape(-1, 4)[:, [0, 2, 3, 1]], np.outer(share, share).ravel() / (6 * divisions) ** 2
 
 
 def _on_triangle(divisions: int) -> tuple[Floats, Floats]:
@@ -169,10 +189,10 @@ def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_],
 
 
 class Contact:
-    """Contact between a surface and an obstacle: who is near, what the gaps are, what the forces do."""
+    """Contact between a surface and an obstacle, or several: who is near, what the gaps are, what the forces do."""
 
-    def __init__(self, surface: ContactSurface, obstacle: Rigid, rest: Floats, stiffness: float) -> None:
-        """Args: rest (N, 3) rest positions [m]; stiffness k [Pa/m] of a unit area."""
+    def __init__(self, surface: ContactSurface, obstacle: Rigid | Rigids, rest: Floats, stiffness: float | Floats) -> None:
+        """Args: rest (N, 3) rest positions [m]; stiffness k [Pa/m] of a unit area, or that at each point (Q,)."""
         self.surface, self.obstacle, self.rest = surface, obstacle, rest
         self.softness = 1.0 / (stiffness * surface.area)  # (Q,) c_q [m/N]
 
@@ -189,16 +209,36 @@ class Contact:
         return Zone(self, u, centre, reach)
 
 
+def contact_of(obstacles: Sequence[Obstacle], mesh: Mesh, held: NDArray[np.bool_], stiffness: Floats | float) -> Contact | None:
+    """Contact with the obstacles of a scene; None where there are none.
+
+    Args: held (N,): not in contact; stiffness k [Pa/m], one or at each node (N,). Raises `InputError` as `ContactSurface` does.
+    """
+    if not obstacles:
+        return None
+    rigid, surfaces = [Rigid(obstacle) for obstacle in obstacles], []
+    for i, (obstacle, one) in enumerate(zip(obstacles, rigid, strict=True)):
+        try:
+            surfaces.append(ContactSurface(mesh, obstacle.contact, held, one.width))
+        except InputError as error:
+            raise InputError(str(error).replace("obstacle:", f"obstacle[{i}]:", 1) if len(rigid) > 1 else str(error)) from None
+    surface = surfaces[0] if len(rigid) == 1 else Surfaces(surfaces)
+    at_points = surface.weights @ stiffness if isinstance(stiffness, np.ndarray) else stiffness
+    of = np.repeat(np.arange(len(rigid)), [len(one.area) for one in surfaces])
+    return Contact(surface, rigid[0] if len(rigid) == 1 else Rigids(rigid, of), mesh.points, at_points)
+
+
 class Zone:
     """The part of a surface near an obstacle: for as long as `covers` says so, all that contact has to look at.
 
-    points: (q,) of the surface; nodes: (m,) behind them; weights: (q, m) dense; softness: (q,) [m/N]
-    made_at, made_with: the displacements (N, 3) and the obstacle's centre (3,) that it was made for
+    points: (q,) of the surface; nodes: (m,) behind them; weights: (q, m) dense; softness: (q,) [m/N]; obstacle: as they meet it
+    made_at, made_with: the displacements (N, 3) and the obstacle's centre (3,), of several (K, 3), that it was made for
     """
 
     def __init__(self, contact: Contact, u: Floats, centre: Floats, reach: float) -> None:
         self._contact, self.made_at, self.made_with, self._reach = contact, u, centre, reach
         self.points = np.flatnonzero(contact.gaps(u, centre)[0] < reach)
+        self.obstacle = contact.obstacle.among(self.points)
         rows = contact.surface.weights[self.points]
         self.nodes = np.unique(rows.indices).astype(np.int64)
         self.weights = rows[:, self.nodes].toarray()
@@ -208,12 +248,12 @@ class Zone:
     def covers(self, u: Floats, centre: Floats, near: float) -> bool:
         """True when no point outside of the zone can have a gap below `near` [m]."""
         change = u - self.made_at
-        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self.made_with)
+        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self.made_with, axis=-1).max()
         return bool(moved <= self._reach - near)
 
     def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
         """Gaps (q,) [m] and normals (q, 3) at displacements (N, 3)."""
-        return self._contact.obstacle.gap(self.weights @ (self._rest + u[self.nodes]), centre)
+        return self.obstacle.gap(self.weights @ (self._rest + u[self.nodes]), centre)
 
     def forces(self, pressure: Floats, normal: Floats) -> Floats:
         """(m, 3) forces [N] on the zone's nodes of point forces (q,) along normals (q, 3)."""
@@ -228,6 +268,6 @@ class Zone:
         """B (b, 3 n): forces (k,) on a round obstacle take B^T B from the stiffness of n nodes, for their normals turn."""
         weights = self.weights[points[:, None], nodes]  # (k, n)
         positions = weights @ (self._rest + u[self.nodes])[nodes]
-        rows = self._contact.obstacle.bend(positions, centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
+        rows = self.obstacle.among(points).bend(positions, centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
         rows = weights[:, None, :, None] * rows[:, :, None, :]  # (k, 2, n, 3)
         return rows[rows.any(axis=(2, 3))].reshape(-1, 3 * len(nodes))

@@ -25,12 +25,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.contact.surfaces import Surface, box, divide, rounded, square, turned
+from physics.contact.surfaces import Surface, box, capped, disc, divide, rounded, square, turned
 from physics.scene import Obstacle
 
 Floats = NDArray[np.float64]
 
 FINEST = 100  # edges along a side, or half around
+RAYS = 720  # by which the outline of a section is found
 
 
 class Shape(Protocol):
@@ -97,7 +98,7 @@ class Sphere(_Round):
         return self.radius
 
     def mesh(self, along: Floats, size: float) -> Surface:
-        return _capped(self.radius, 0.0, size)
+        return capped(self.radius, 0.0, size)
 
 
 class Cylinder(_Round):
@@ -120,7 +121,7 @@ class Capsule(_Round):
         return self.radius + self.length / 2 * abs(float(self.axis[axis]))
 
     def mesh(self, along: Floats, size: float) -> Surface:
-        return _capped(self.radius, self.length, size)
+        return capped(self.radius, self.length, size)
 
 
 class Box:
@@ -196,6 +197,27 @@ class Rigid:
         """The smallest extent [m]; infinite for a half-space."""
         return self.shape.width
 
+    @property
+    def each(self) -> tuple[Rigid, ...]:
+        """This one, as the only one; these five are what several have as well (several.py)."""
+        return (self,)
+
+    def among(self, points: NDArray[np.int64]) -> Rigid:
+        """The obstacle of some points: this one."""
+        return self
+
+    def offset(self, points: Floats, centre: Floats) -> Floats:
+        """(Q, 3) points seen from the centre."""
+        return points - centre
+
+    def along(self, normal: Floats, vector: Floats) -> Floats:
+        """(Q,) parts of a vector (3,) along normals (Q, 3)."""
+        return normal @ vector
+
+    def sums(self, force: Floats, normal: Floats) -> Floats:
+        """(1, 3) the sum of forces (Q,) along normals (Q, 3)."""
+        return (force @ normal)[None]
+
     def position(self, fraction: float) -> Floats:
         """(3,) centre [m] at a fraction 0 .. 1 of the steps; between way-points on a straight line."""
         return np.array([np.interp(fraction, self.reached, component) for component in self.path.T])
@@ -208,17 +230,41 @@ class Rigid:
         """(Q, 2, 3) [1/m^0.5] vectors t along the surface whose sum of t t^T is the second derivative of the gap there."""
         return self.shape.bend(points - centre)
 
-    def surface_mesh(self, body: Floats, *, size: float) -> Surface:
-        """The surface with the centre at path[0]: points (P, 3) and outward triangles (F, 3).
+    def surface_mesh(self, body: Floats, *, size: float, plane: bool = False) -> Surface:
+        """The surface with the centre at path[0]: points (P, 3) and outward triangles (F, 3); for a plane body its section with z = 0.
 
         Args:
             body: (N, 3) rest positions of the body; a cylinder reaches past it by one edge on either side, a half-space is
                 shown as a square as large as the body
             size: edge length aimed at [m]; an obstacle much larger than that is drawn with longer ones
         """
+        if plane:
+            points, triangles = disc(self._outline(body - self.path[0], size), size)
+            return self.path[0] + points, triangles
         frame = self.shape.frame
         points, triangles = self.shape.mesh((body - self.path[0]) @ frame.T, max(size, self.shape.extent / FINEST))
         return self.path[0] + points @ frame, triangles
+
+
+    def _outline(self, body: Floats, size: float) -> Floats:
+        """(P, 3) counter-clockwise around the section with the plane z = 0, its centre at the origin; a half-space as deep as an edge."""
+        if np.isinf(self.width):
+            inward = -self.shape.gap(np.zeros((1, 3)))[1][0]
+            along = np.array([inward[1], -inward[0], 0.0])
+            from_, to = (body @ along).min() - size, (body @ along).max() + size
+            line = divide(from_, to, size)[:, None] * along
+            return np.concatenate([line, (line + size * inward)[::-1]])
+        angle = 2 * np.pi * np.arange(RAYS) / RAYS
+        ray = np.stack([np.cos(angle), np.sin(angle), np.zeros(RAYS)], axis=1)
+        near, far = np.zeros(RAYS), np.full(RAYS, self.width + 2 * self.shape.extent)
+        for _ in range(60):  # the section is convex and the centre lies in it
+            middle = (near + far) / 2
+            inside = self.shape.gap(middle[:, None] * ray)[0] < 0
+            near, far = np.where(inside, middle, near), np.where(inside, far, middle)
+        dense = np.concatenate([near[:, None] * ray, near[:1, None] * ray[:1]])
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
+        at = np.linspace(0.0, way[-1], max(8, round(way[-1] / max(size, self.shape.extent / FINEST))), endpoint=False)
+        return np.stack([np.interp(at, way, component) for component in dense.T], axis=1)
 
 
 def _unit(vector: tuple[float, float, float]) -> Floats:
@@ -248,13 +294,3 @@ def _bend(normal: Floats, distance: Floats, straight: Floats, ball: NDArray[np.b
     found[:, 1] = straight * size * ball[:, None]
     found[:, 0] = np.cross(straight, normal) * size
     return found
-
-
-def _capped(radius: float, length: float, size: float) -> Surface:
-    """A capsule, or a sphere where it has no length."""
-    heights = divide(-length / 2, length / 2, size)
-    angles = divide(0.0, np.pi / 2, size / radius)[1:]
-    cap = radius * np.stack([np.cos(angles), np.sin(angles)])  # (2, rows): the last one is the pole
-    radii = np.concatenate([cap[0, -2::-1], np.full(len(heights), radius), cap[0, :-1]])
-    heights = np.concatenate([heights[0] - cap[1, -2::-1], heights, heights[-1] + cap[1, :-1]])
-    return turned(radii, heights, size, poles=(-length / 2 - radius, length / 2 + radius))

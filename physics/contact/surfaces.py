@@ -34,6 +34,16 @@ def turned(radii: Floats, heights: Floats, size: float, poles: tuple[float, floa
     return points, np.concatenate(triangles)
 
 
+def capped(radius: float, length: float, size: float) -> Surface:
+    """A capsule, or a sphere where it has no length."""
+    heights = divide(-length / 2, length / 2, size)
+    angles = divide(0.0, np.pi / 2, size / radius)[1:]
+    cap = radius * np.stack([np.cos(angles), np.sin(angles)])  # (2, rows): the last one is the pole
+    radii = np.concatenate([cap[0, -2::-1], np.full(len(heights), radius), cap[0, :-1]])
+    heights = np.concatenate([heights[0] - cap[1, -2::-1], heights, heights[-1] + cap[1, :-1]])
+    return turned(radii, heights, size, poles=(-length / 2 - radius, length / 2 + radius))
+
+
 def square(middle: Floats, reach: float, size: float) -> Surface:
     """A square in the plane of the first two axes, seen from the third."""
     ticks = divide(-reach, reach, size)
@@ -43,6 +53,20 @@ def square(middle: Floats, reach: float, size: float) -> Surface:
     number = np.arange(n * n).reshape(n, n)
     a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
     return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def disc(outline: Floats, size: float) -> Surface:
+    """What lies within a convex outline (P, 3) in the plane z = 0, counter-clockwise: rings about an edge apart, and the middle."""
+    middle, around = outline.mean(axis=0), len(outline)
+    rings = max(1, round(float(np.linalg.norm(outline - middle, axis=1).min()) / size))
+    points = np.concatenate([middle + (k + 1) / rings * (outline - middle) for k in range(rings)] + [middle[None]])
+    i = np.arange(around)
+    j, last = (i + 1) % around, np.full(around, rings * around)
+    triangles = [np.stack([last, i, j], axis=1)]
+    for inner in range(0, (rings - 1) * around, around):
+        outer = inner + around
+        triangles += [np.stack([inner + i, outer + i, outer + j], axis=1), np.stack([inner + i, outer + j, inner + j], axis=1)]
+    return points, np.concatenate(triangles)
 
 
 def box(half: Floats, size: float) -> Surface:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.contact.conditions import Zone
+from physics.linalg.multigrid import Felt
 
 Floats = NDArray[np.float64]
 
@@ -21,7 +22,7 @@ class Touch:
 
     zone: Zone
     u: Floats
-    centre: Floats  # (3,) of the obstacle
+    centre: Floats  # (3,) of the obstacle, of several (K, 3)
     gap: Floats
     normal: Floats
     pressure: Floats
@@ -32,6 +33,15 @@ class Touch:
         pressed = points[self.pressure[points] > 0]
         return (nodes, self.zone.gradient(points, nodes, self.normal),
                 self.zone.bend(pressed, nodes, self.pressure[pressed], self.u, self.centre))
+
+    def felt(self, points: NDArray[np.int64]) -> Felt:
+        """Contact at some points of the zone, as the linear algebra takes it."""
+        nodes, gradient, bend = self.rows(points)
+        found = Felt(self.zone.nodes[nodes], gradient, bend, self.gap[points], self.zone.softness[points], self.pressure[points])
+        obstacle = self.zone.obstacle.among(points)
+        if len(obstacle.each) > 1:  # which may press against each other
+            found.reaction = float(np.linalg.norm(obstacle.sums(found.pressed, self.normal[points]), axis=1).sum())
+        return found
 
 
 class Condensed:

@@ -2,7 +2,7 @@
 
 f = dW/du are the internal forces (elasticity.py), less pressures that follow their faces (pressure.py), b the dead loads,
 p_q >= 0 the forces of contact (contact/conditions.py); held components follow their prescription. Loads and prescribed displacements
-grow linearly with the fraction 0 .. 1 of the loading or go by a table (schedule.py), the obstacle is on its path.
+grow linearly with the fraction 0 .. 1 of the loading or go by a table (schedule.py), obstacles are on their paths.
 Legend: N nodes, Q contact points.
 """
 
@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
+from physics.body.material import cellwise
 from physics.body.pressure import Pressed
-from physics.body.schedule import Moves, scheduled, share
+from physics.body.schedule import Moves, largest_share, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
-from physics.contact.conditions import CONTACT_STIFFNESS, Contact, ContactSurface, cell_size
-from physics.contact.obstacles import Rigid
+from physics.contact.conditions import CONTACT_STIFFNESS, cell_size, contact_of
+from physics.mesh.build import across
 from physics.mesh.mesh import Mesh
 from physics.scene import Load, Scene
+from physics.scene.plane import check_plane
+from physics.scene.rules import is_plane
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -51,6 +54,9 @@ class Balance:
         Raises:
             InputError: the body is free to move, or the obstacle starts inside of it
         """
+        if mesh.dimension == 2:
+            check_plane(scene)
+        mesh = across(mesh, scene.body)
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.fixed, self.moves = held(scene, mesh), Moves(scene, mesh)
         self.bearing = np.flatnonzero(self.moves.nodes if self.moves.nodes.any() else self.fixed.any(axis=1))
@@ -61,15 +67,19 @@ class Balance:
         self.elasticity: Elasticity | Lumped = self.body
         self.load = self._full([load for load in scene.load if not scheduled(load)])
         self.tabled = [(load, self._full([load])) for load in scene.load if scheduled(load) and not load.follower]
-        self.contact: Contact | None = None
-        if scene.obstacle is not None:
-            rigid = Rigid(scene.obstacle)
-            surface = ContactSurface(mesh, scene.obstacle.contact, self.fixed.all(axis=1), rigid.width)
-            stiffness = CONTACT_STIFFNESS * scene.material.young_modulus / self.size
-            self.contact = Contact(surface, rigid, mesh.points, stiffness)
+        self.contact = contact_of(scene.obstacles, mesh, self.fixed.all(axis=1), CONTACT_STIFFNESS * self._moduli() / self.size)
         # eps E h L: strains come from differences of positions that differ by up to the largest extent L.
-        self.floor = 1e3 * float(np.finfo(float).eps) * scene.material.young_modulus * self.size * float(np.ptp(mesh.points))
+        self.floor = 1e3 * float(np.finfo(float).eps) * scene.stiffest * self.size * float(np.ptp(mesh.points))
         self._check()
+
+    def _moduli(self) -> float | Floats:
+        """Young's modulus [Pa], of several materials at each node (N,): the mean of the cells around it."""
+        young = cellwise(self.scene.material, self.mesh, lambda material: material.young_modulus)
+        if not isinstance(young, np.ndarray):
+            return young
+        nodes, count = self.mesh.cells.ravel(), len(self.mesh.points)
+        of_cells = np.repeat(young, self.mesh.cells.shape[1])
+        return np.bincount(nodes, of_cells, count) / np.maximum(np.bincount(nodes, minlength=count), 1)
 
     def _full(self, loads: list[Load]) -> Floats:
         """(N, 3) [N] some dead loads in full."""
@@ -94,7 +104,7 @@ class Balance:
         """True when loads or supports that move do something to the body."""
         return bool(self.load.any() or self.target.any() or self.pressed is not None or self.tabled or self.moves.varied)
 
-    def outer(self, fraction: float) -> Floats:
+    def apply_loads(self, fraction: float) -> Floats:
         """(N, 3) dead loads [N] at a fraction of the loading; from now on pressures that follow their faces act as there."""
         if self.pressed is not None:
             self.pressed.fraction = fraction
@@ -108,7 +118,7 @@ class Balance:
         """[J] of the loads as they are at a fraction of the loading, up to displacements (N, 3)."""
         even = fraction * float((self.load * u).sum())
         work = sum((float((share(load, fraction) * force * u).sum()) for load, force in self.tabled), even)
-        self.outer(fraction)
+        self.apply_loads(fraction)
         return work + (0.0 if self.pressed is None else self.pressed.work(u))
 
     def rests(self, fraction: float) -> bool:
@@ -129,20 +139,24 @@ class Balance:
         Where the end of a slender body has moved by d across it, a step along its soft directions is off by about 10 (d/h)^2 of
         itself: the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3).
         """
-        return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(np.ptp(self.mesh.points, axis=0).min())
+        return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(self.mesh.extent.min())
 
     def stride(self, start: float, end: float) -> float:
-        """How far the obstacle moves between two fractions of the loading, over what is safe for one step.
+        """How far the obstacle moves between two fractions of the loading, over what is safe for one step; of several the farthest."""
+        return max(self._strides(start, end), default=0.0)
+
+    def _strides(self, start: float, end: float) -> list[float]:
+        """That of each obstacle.
 
         An obstacle that moves by half of its own width, or of the body's, could pass through without touching at either end.
         """
-        if self.contact is None:
-            return 0.0
-        obstacle = self.contact.obstacle
-        between = np.unique([start, *obstacle.reached, end])
-        way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
-        safe = min(obstacle.width, float(np.ptp(self.mesh.points, axis=0).min())) / 2
-        return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe
+        strides = []
+        for obstacle in self.contact.obstacle.each if self.contact is not None else ():
+            between = np.unique([start, *obstacle.reached, end])
+            way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
+            safe = min(obstacle.width, float(self.mesh.extent.min())) / 2
+            strides.append(float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe)
+        return strides
 
     def _check(self) -> None:
         if not self.scene.steps.dynamic and (self.contact is not None or self.loaded):
@@ -150,31 +164,59 @@ class Balance:
                 raise InputError(f"support: {free}")
         if self.fixed.all():
             raise InputError("support: every node of the body is held in every direction, so nothing is left to move; hold less of it")
-        extent, modulus = float(np.ptp(self.mesh.points, axis=0).max()), self.scene.material.young_modulus
-        for i, load in enumerate(self.scene.load if self.scene.material.law != "linear" else ()):
-            push = load.traction or tuple(self.scene.material.density * extent * a for a in load.acceleration or ())
-            strength = float(np.linalg.norm(push))
+        extent, modulus = float(np.ptp(self.mesh.points, axis=0).max()), self.scene.stiffest
+        densest = max(material.density for material in self.scene.materials)
+        for i, load in enumerate(() if self.scene.linear else self.scene.load):
+            push = load.traction or (load.pressure or 0.0, *(densest * extent * a for a in load.acceleration or ()))
+            strength = float(np.linalg.norm(push)) * largest_share(load)
             if strength > STRONGEST * modulus:
                 raise InputError(f"load[{i}]: {strength:.2g} Pa are {strength / modulus:.2g} times Young's modulus; at most "
                                  f"{STRONGEST:g} times")
-        far, allowed = self.stride(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
+        strides, allowed = self._strides(0.0, 1.0), max(FARTHEST, self.scene.steps.count)
+        far = max(strides, default=0.0)
         if far > allowed:
-            raise InputError(f"obstacle.path: its length is {far:.2g} times what the obstacle may move at once (half of its own width "
-                             f"or of the body's); at most {allowed:g} times, or as many as there are steps")
+            raise InputError(f"{self._named(strides.index(far))}.path: its length is {far:.2g} times what the obstacle may move at once "
+                             f"(half of its own width or of the body's); at most {allowed:g} times, or as many as there are steps")
         inside = -self.clearance(0.0)
-        if inside > GAP_TOLERANCE * self.size:
-            raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
+        if self.contact is not None and inside > GAP_TOLERANCE * self.size:
+            points = self.contact.surface.positions(self.mesh.points)
+            which = int(np.argmin([rigid.gap(points, rigid.position(0.0))[0].min() for rigid in self.contact.obstacle.each]))
+            raise InputError(f"{self._named(which)}.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
+
+    def _named(self, obstacle: int) -> str:
+        """An obstacle by its number, as it stands in the scene file."""
+        return f"obstacle[{obstacle}]" if isinstance(self.scene.obstacle, tuple) else "obstacle"
 
 
 def cells_said(scene: Scene) -> str:
     """What a body is meshed with, in words."""
     element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
+    if is_plane(scene.body):
+        element += f", plane {scene.body.plane or 'strain'}, {scene.body.thickness or 1.0:g} m thick"
     return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of first order{element}"
+
+
+def material_said(scene: Scene) -> str:
+    """The laws of a body, of several materials with where they are, and its cells, in words."""
+    places = [f" ({material.where or 'elsewhere'})" * (len(scene.materials) > 1) for material in scene.materials]
+    return f"{', '.join(material.law + place for material, place in zip(scene.materials, places, strict=True))}; {cells_said(scene)}"
 
 
 def contact_said(scene: Scene) -> str:
     """How contact is treated, in words."""
-    if scene.obstacle is None:
+    if not scene.obstacles:
         return "none: the scene has no obstacle"
-    points = "points of the surface facets" if scene.obstacle.contact == "facets" else "surface nodes"
-    return f"frictionless at {points}, rigid {scene.obstacle.shape}; nothing is solved before it touches"
+    points = {"facets": "points of the surface facets", "nodes": "surface nodes"}
+    said = [f"{'frictionless ' * (not i)}at {points[one.contact]}, rigid {one.shape}" for i, one in enumerate(scene.obstacles)]
+    return f"{'; '.join(said)}; nothing is solved before {'it' if len(said) == 1 else 'one'} touches"
+
+
+def could_be_plane(balance: Balance) -> dict[str, str]:
+    """A word on a solid body that is a slice one cell thick and held across: a plane one would do."""
+    mesh = balance.mesh
+    for axis in range(mesh.dimension if mesh.dimension == 3 else 0):
+        levels = np.unique(mesh.points[:, axis].round(12))
+        if len(levels) == 2 and balance.fixed[:, axis].all() and not balance.moves.at(1.0)[:, axis].any():
+            return {"plane": f"the body is one cell thick along {'xyz'[axis]} and held across: as a plane body (plane = \"strain\", "
+                             f"thickness = {np.ptp(levels):g}) it has half as many unknowns"}
+    return {}

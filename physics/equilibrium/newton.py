@@ -34,7 +34,7 @@ ITERATIONS = 12  # Newton steps before a state is given up
 
 @dataclass(frozen=True)
 class ZoneMemory:
-    """What a contact zone is made again for: displacements (N, 3), and the obstacle's centre (3,)."""
+    """What a contact zone is made again for: displacements (N, 3), and the obstacle's centre (3,), of several (K, 3)."""
 
     u: Floats
     centre: Floats
@@ -106,7 +106,7 @@ class Newton:
     def _look(self, state: State, stride: float) -> None:
         """Renew the tangent at a state, when it is time to, to see whether it is stable. Raises `NoEquilibrium`."""
         self._watch = replace(self._watch, unseen=self._watch.unseen + stride)
-        if self._watch.unseen < self._watch.trusted or self.balance.scene.material.law == "linear":
+        if self._watch.unseen < self._watch.trusted or self.balance.scene.linear:
             return
         if not self._watch.softest:
             self._refactor(np.zeros_like(state.u))
@@ -145,16 +145,14 @@ class Newton:
 
         Raises `NoEquilibrium` when the stiffness there cannot be factored, or offers contact no resistance.
         """
-        contact, outer = self.balance.contact, self.balance.outer(fraction)
+        contact, outer = self.balance.contact, self.balance.apply_loads(fraction)
         self._refactor(u)
         touch = self._touch(fraction, u, np.zeros(0 if contact is None else len(contact.surface.area)))
         return self._step(self.balance.elasticity.force(u) - outer, touch)
 
     def pressing(self, state: State) -> Felt | None:
         """Contact at the points that press in a state; None when none does."""
-        touch = self._touch(state.fraction, state.u, state.pressure)
-        points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
-        return None if touch is None or not len(points) else self._felt(touch, points)
+        return self._pressed(self._touch(state.fraction, state.u, state.pressure))
 
     def outdate(self) -> None:
         """Make a new factor for the next equilibrium: the equations are no longer those of the last one."""
@@ -169,7 +167,7 @@ class Newton:
         if self.tangent.stale or self.balance.turned(last.u, self.tangent.factored_at):
             self._refactor(last.u)
             self._check_stable(self._touch(last.fraction, last.u, last.pressure), look=True)
-        u, pressure, size, outer = start, last.pressure, np.inf, self.balance.outer(fraction)
+        u, pressure, size, outer = start, last.pressure, np.inf, self.balance.apply_loads(fraction)
         self._mixing.begin()
         for iteration in range(1, ITERATIONS // 2 + 1):
             touch = self._touch(fraction, u, pressure)
@@ -211,7 +209,7 @@ class Newton:
     def _newton(self, fraction: float, start: Floats, last: State, *, renew: bool = False) -> State:
         """Newton's method with the kept factor, or a new one at each iterate. Raises `NoEquilibrium` when it does not converge."""
         balance = self.balance
-        u, outer = start, balance.outer(fraction)
+        u, outer = start, balance.apply_loads(fraction)
         touch = self._touch(fraction, u, last.pressure)
         force = balance.elasticity.force(u) - outer
         self._mixing.begin()
@@ -231,7 +229,8 @@ class Newton:
             if not np.isfinite(error) or error > 10 * previous:
                 break
             previous = min(error, previous)
-        raise NoEquilibrium(f"|R| = {state.residual:.1e} of the reaction, a gap is {state.gap_error:.1e} m off")
+        off = f"|R| = {state.residual:.1e} of the reaction, a gap is {state.gap_error:.1e} m off"
+        raise NoEquilibrium(off if np.isfinite(error) else "forces are no numbers: a cell turns inside out, or they overflow")
 
     def _touch(self, fraction: float, u: Floats, pressure: Floats) -> Touch | None:
         """Gaps at displacements (N, 3), with the contact forces (Q,) of before; None without an obstacle."""
@@ -256,7 +255,7 @@ class Newton:
         if touch is None:
             return self.tangent.step(force, self.tolerance, None)
         near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
-        felt = self._felt(touch, near) if len(near) else None
+        felt = touch.felt(near) if len(near) else None
         if felt is not None and not self.round_obstacle:
             felt.bend = felt.bend[:0]
         step = self.tangent.step(force, self.tolerance, felt)
@@ -265,17 +264,15 @@ class Newton:
             touch.pressure[near] = felt.pressed
         return step
 
-    def _felt(self, touch: Touch, points: NDArray[np.int64]) -> Felt:
-        """Contact at some points of the zone, as the linear algebra takes it."""
-        nodes, gradient, bend = touch.rows(points)
-        return Felt(touch.zone.nodes[nodes], gradient, bend, touch.gap[points], touch.zone.softness[points], touch.pressure[points])
+    def _pressed(self, touch: Touch | None) -> Felt | None:
+        """Contact at the points that press; None when none does."""
+        return None if touch is None or not (touch.pressure > 0).any() else touch.felt(np.flatnonzero(touch.pressure > 0))
 
     def _check_stable(self, touch: Touch | None, *, look: bool = False) -> None:
         """Raise `NoEquilibrium` at an unstable state; it is looked at on request, or when the last step showed that it may be one."""
         if not (look or self.tangent.giving):
             return
-        points = np.zeros(0, np.int64) if touch is None else np.flatnonzero(touch.pressure > 0)
-        if not self.tangent.held(None if touch is None or not len(points) else self._felt(touch, points)):
+        if not self.tangent.held(self._pressed(touch)):
             raise NoEquilibrium("the body is unstable: it snaps through, buckles or slips off")
 
     def _error(self, state: State) -> float:
@@ -284,16 +281,16 @@ class Newton:
 
     def _judge(self, fraction: float, u: Floats, force: Floats, touch: Touch | None, pressure: Floats, iteration: int) -> State:
         """How far displacements (N, 3) with out-of-balance forces (N, 3) and contact forces (Q,) are from equilibrium."""
-        balance, gap_error, penetration, scale = self.balance, 0.0, 0.0, 0.0
+        balance, gap_error, penetration, scale, reactions = self.balance, 0.0, 0.0, 0.0, np.zeros((0, 3))
         if touch is not None:
             force = force.copy()
             force[touch.zone.nodes] -= touch.zone.forces(touch.pressure, touch.normal)
             error = np.where(touch.pressure > 0, abs(touch.gap + touch.zone.softness * touch.pressure), -np.minimum(touch.gap, 0))
             gap_error, penetration = float(error.max(initial=0)), max(0.0, -float(touch.gap.min(initial=0)))
-            reaction = -(touch.pressure @ touch.normal)
-            scale = float(np.linalg.norm(reaction))
+            reactions = -touch.zone.obstacle.sums(touch.pressure, touch.normal)
+            reaction, scale = -(touch.pressure @ touch.normal), sum(float(np.linalg.norm(each)) for each in reactions)
         else:
             reaction = -force[balance.bearing].sum(axis=0)
         scale = scale or float(np.linalg.norm(force[balance.fixed]))
         residual = float(np.linalg.norm(force[~balance.fixed])) / max(scale, balance.floor / TOLERANCE)
-        return State(fraction, u, pressure, reaction, iteration, residual, gap_error, penetration)
+        return State(fraction, u, pressure, reaction, iteration, residual, gap_error, penetration, reactions)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.equilibrium.balance import Balance, cells_said, contact_said
+from physics.equilibrium.balance import Balance, contact_said, could_be_plane, material_said
 from physics.equilibrium.newton import TOLERANCE, Newton, NewtonMemory
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE, LinearMemory, choose
 from physics.equilibrium.snap import Relaxation
@@ -106,7 +106,8 @@ class LoadPath:
         energy = self.balance.elasticity.energy(state.u) if state.u.any() else 0.0
         found: dict[str, Any] = {
             "displacement": state.u, "reaction": state.reaction, "energy": energy, "penetration": state.penetration,
-            "newton_iterations": state.iterations, "relative_residual": state.residual, "snap": snap, "released": released}
+            "newton_iterations": state.iterations, "relative_residual": state.residual, "snap": snap, "released": released,
+            **state.of_each(len(self.balance.scene.obstacles))}
         return {name: np.asarray(value) for name, value in found.items()}
 
     def memory(self) -> PathMemory:
@@ -124,7 +125,7 @@ class LoadPath:
         elif self.linear is not None and memory.linear is not None:
             self.linear.recall(memory.linear)
         if memory.pressed is not None:
-            self.balance.outer(memory.pressed)
+            self.balance.apply_loads(memory.pressed)
         self.newton.recall(memory.newton)
 
     def _snap(self, fraction: float, error: NoEquilibrium) -> State:
@@ -142,13 +143,12 @@ class LoadPath:
         scene, kinematics = self.balance.scene, self.kinematics
         if self.linear is not None:
             kinematics = self.linear.said(self.states[-1].u)
-        said = {"kinematics": kinematics, "material": f"{self._finite.scene.material.law}; {cells_said(scene)}",
-                "contact": contact_said(scene)}
-        return said | {"factor": self.newton.tangent.solver.name}
+        said = {"kinematics": kinematics, "material": material_said(self._finite.scene), "contact": contact_said(scene)}
+        return said | could_be_plane(self.balance) | {"factor": self.newton.tangent.solver.name}
 
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""
-        self.balance.outer(fraction)
+        self.balance.apply_loads(fraction)
         return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), self.balance.moved(fraction))
 
     def _append(self, state: State) -> State:
@@ -161,6 +161,6 @@ class LoadPath:
         count = self.balance.scene.steps.count
         if self.balance.contact is None:
             return f"ask for more than {count} steps"
-        obstacle = self.balance.contact.obstacle
-        stride = (np.linalg.norm(np.diff(obstacle.path, axis=0), axis=1) / np.diff(obstacle.reached)).max(initial=0) / count
+        stride = max((np.linalg.norm(np.diff(obstacle.path, axis=0), axis=1) / np.diff(obstacle.reached)).max(initial=0)
+                     for obstacle in self.balance.contact.obstacle.each) / count
         return f"the obstacle moves {stride / self.balance.size:.2g} cell sizes in one step"

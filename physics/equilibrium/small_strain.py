@@ -122,8 +122,8 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, st
 
     Looked at is the end of the loading, or where the obstacle is deepest in the body at rest.
     """
-    if scene.material.law == "linear":
-        other = replace(scene.material, law="saint-venant-kirchhoff")  # the law of finite strain that is linear in its strain
+    if scene.linear:
+        other = scene.under("saint-venant-kirchhoff").material  # the law of finite strain that is linear in its strain
         return Linear(Newton(finite), Elasticity(mesh, other, finite.fixed, scene.body.element), asked=True), ""
     if finite.pressed is not None:
         return None, "finite strain: a pressure follows its face"
@@ -137,8 +137,7 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, st
     if depth > DEEPEST * extent:
         return None, (f"finite strain: the obstacle reaches {depth:.2g} m into where the body rests, {depth / extent:.1g} of its largest "
                       f"extent; small strain is not tried above {DEEPEST:g}")
-    linear = Linear(Newton(Balance(replace(scene, material=replace(scene.material, law="linear")), mesh,
-                                   method=finite.method, spread=finite.spread)), finite.body)
+    linear = Linear(Newton(Balance(scene.under("linear"), mesh, method=finite.method, spread=finite.spread)), finite.body)
     try:
         end = (linear.whole if finite.contact is None else linear.at(fraction)).u
     except NoEquilibrium:
@@ -158,7 +157,7 @@ def deepest(balance: Balance) -> tuple[float, float]:
     """The fraction of the loading to look at, and how deep [m] the obstacle then is in the body at rest; below 0 outside."""
     if balance.contact is None:
         return 1.0, 0.0
-    legs = max(1, len(balance.contact.obstacle.path) - 1)
+    legs = max(1, *(len(obstacle.path) - 1 for obstacle in balance.contact.obstacle.each))
     looks = np.linspace(0, 1, legs * int(np.ceil(LOOKS / legs)) + 1)
     depths = [-balance.clearance(float(fraction)) for fraction in looks]
     if max(depths) <= 0 or balance.loaded:

@@ -43,7 +43,8 @@ class Relaxation(Newton):
 
     def __init__(self, balance: Balance) -> None:
         mesh = balance.mesh
-        volumes = cell_volumes(mesh.points, mesh.cells, mesh.cell) / mesh.cells.shape[1]  # (C,) [m3] of each of a cell's nodes
+        whole = mesh.thickness * cell_volumes(mesh.points, mesh.cells, mesh.cell)
+        volumes = whole / mesh.cells.shape[1]  # (C,) [m3] of each of a cell's nodes
         # The stiffness of a step of implicit Euler is K + s M / dt; what is added is s / dt [Pa/m2], the drag.
         self.body = Lumped(balance.body, np.repeat(volumes[:, None], mesh.cells.shape[1], axis=1))
         immersed = copy.copy(balance)
@@ -51,7 +52,8 @@ class Relaxation(Newton):
         super().__init__(immersed)
         extent = float(np.ptp(balance.mesh.points))
         # The stiffness of the first bending mode over its volume: what is slower than that is not worth waiting for.
-        self.least = balance.scene.material.young_modulus * balance.size**2 / extent**4
+        softest = min(material.young_modulus for material in balance.scene.materials)
+        self.least = softest * balance.size**2 / extent**4
 
     def settle(self, fraction: float, last: State, newton: Newton) -> tuple[State, float, float]:
         """The equilibrium in which the body comes to rest when it is left to itself at a fraction of the loading.
@@ -67,7 +69,7 @@ class Relaxation(Newton):
         """
         balance, drag = self.balance, self.least
         at = np.where(balance.fixed, balance.moved(fraction), last.u)
-        outer, pressure = balance.outer(fraction), last.pressure
+        outer, pressure = balance.apply_loads(fraction), last.pressure
         before, failures, peak, patience = self._potential(at, fraction), 0, 0.0, 0
         for step in range(1, STEPS + 1):
             made = self._euler(fraction, at, pressure, drag)
@@ -97,7 +99,7 @@ class Relaxation(Newton):
         touch = self._touch(fraction, u, pressure)
         try:
             self.tangent.renew(u, definite=True)
-            move = self._step(balance.elasticity.force(u) - balance.outer(fraction), touch)
+            move = self._step(balance.elasticity.force(u) - balance.apply_loads(fraction), touch)
         except NoEquilibrium:
             return None
         way = float(np.linalg.norm(move, axis=1).max())

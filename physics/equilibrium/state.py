@@ -26,7 +26,7 @@ class NoEquilibrium(RuntimeError):
 
 @dataclass
 class State:
-    """One equilibrium: a fraction of the loading, displacements (N, 3) and contact forces (Q,)."""
+    """One equilibrium: a fraction of the loading, displacements (N, 3) and contact forces (Q,); reactions (K, 3) of each obstacle."""
 
     fraction: float
     u: Floats
@@ -36,6 +36,13 @@ class State:
     residual: float = 0.0  # free components, over the reaction
     gap_error: float = 0.0  # [m] how far contact is from its conditions
     penetration: float = 0.0  # [m]
+    reactions: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # [N] of the body on each obstacle; none at rest
+
+    def of_each(self, obstacles: int) -> dict[str, Floats]:
+        """What there is to report of each of several obstacles; nothing of a single one, whose reaction is that of the state."""
+        if obstacles < 2:
+            return {}
+        return {"reactions": self.reactions if len(self.reactions) else np.zeros((obstacles, 3))}
 
 
 @dataclass(frozen=True)

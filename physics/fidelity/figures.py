@@ -23,20 +23,28 @@ class Column:
 
 
 ERROR = {
-    "rmse_1": Column(
-        "RMSE-1", "mm", "m", 1e3,
-        "error after one step that starts from the true state: root of the mean, over steps and <b>free</b> nodes, of the "
-        "squared distance between predicted and true place. Finite elements start no step from a given state and have none"),
-    "rmse_50": Column(
-        "RMSE-50", "mm", "m", 1e3,
+    "rmsd_1": Column(
+        "RMSD-1", "mm", "m", 1e3,
+        "root mean square distance after one step that starts from the true state: root of the mean, over steps and <b>free</b> "
+        "nodes, of the squared distance between predicted and true place; then the mean over trajectories. Finite elements start no "
+        "step from a given state and have none"),
+    "rmsd_50": Column(
+        "RMSD-50", "mm", "m", 1e3,
         "the same over steps 1 to 50 of a rollout: from the rest state, each step from the predicted one before; "
         "<b>free</b> nodes"),
-    "rmse_all": Column(
-        "RMSE-all", "mm", "m", 1e3, "the same over all steps of the rollout; <b>free</b> nodes. The figure to compare by"),
-    "rmse_all_pooled": Column(
-        "RMSE-all, pooled", "mm", "m", 1e3,
+    "rmsd_all": Column(
+        "RMSD-all", "mm", "m", 1e3, "the same over all steps of the rollout; <b>free</b> nodes. The figure to compare by"),
+    "rmsd_all_all_nodes": Column(
+        "RMSD-all, all nodes", "mm", "m", 1e3,
         "the same over <b>all</b> nodes of the body; smaller, because held nodes have no error"),
 }
+_STEPS = {"1": "one step from the true state, all steps", "50": "steps 1 to 50 of a rollout", "all": "all steps of a rollout"}
+PUBLISHED = {f"rmse_{key}{how}{nodes}": Column(
+    f"RMSE-{key}{', by step' if how else ''}{', all nodes' if nodes else ''}", "mm", "m", 1e3,
+    f"{steps}: " + ("the mean over steps and trajectories of each step's root of the mean square" if how else
+                    "root of the mean square over all steps and trajectories at once") + " of a <b>coordinate</b>'s error; "
+    + ("<b>all</b> nodes of the body" if nodes else "<b>free</b> nodes"))
+    for nodes in ("", "_all_nodes") for how in ("", "_by_step") for key, steps in _STEPS.items()}
 PHYSICS = {
     "relative_residual": Column(
         "residual", "", "1", 1,
@@ -77,23 +85,33 @@ MESH = {
         "scaled Jacobian", "", "1", 1, "smallest over all cells, steps and trajectories: 1 in a perfect cell, 0 in a flat one"),
     "inverted_elements": Column("inverted", "", "1", 1, "most cells that are turned inside out in one frame"),
 }
-FIGURES = ERROR | PHYSICS | MESH
+FIGURES = ERROR | PUBLISHED | PHYSICS | MESH
+AT_ONCE = [key for key in PUBLISHED if "by_step" not in key]
 EXTREMES = {"largest_penetration": max, "smallest_det_f": min, "smallest_scaled_jacobian": min, "inverted_elements": max}
 
 
 def gathered(each: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Means over paths, of extremes the extreme; what only some of them have, over those."""
+    """Means over paths, of extremes the extreme, of errors as published the root of the mean square, every path with the same weight;
+    what only some of them have, over those."""
     found = {}
     for key in each[0]:
         values = [float(figures[key]) for figures in each if not math.isnan(figures[key])]
-        together = EXTREMES.get(key, lambda some: sum(some) / len(some))
+        together = EXTREMES.get(key, _root_mean_square if key in AT_ONCE else _mean)
         found[key] = float(together(values)) if values else math.nan
     return found
 
 
+def _mean(some: Sequence[float]) -> float:
+    return sum(some) / len(some)
+
+
+def _root_mean_square(some: Sequence[float]) -> float:
+    return math.sqrt(_mean([value * value for value in some]))
+
+
 def verdict(figures: dict[str, Any], still: dict[str, Any]) -> str:
     """What the figures say of a prediction, in one sentence, beside those of the same body if nothing moved."""
-    error, idle = figures["rmse_all"], still["rmse_all"]
+    error, idle = figures["rmsd_all"], still["rmsd_all"]
     if not idle:
         said = f"The truth does not move; the prediction is {shown(1e3 * error)} mm off"
     elif not error:

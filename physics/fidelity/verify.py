@@ -42,12 +42,24 @@ OF_EQUATIONS = ("relative_residual", "energy_error", "reaction_error", "stress_e
 class Fidelity:
     """How far a prediction is from the truth; lengths in metres. "free": nodes that are neither held nor obstacle."""
 
-    rmse_1: float  # free nodes, one step from the true state before; without such predictions the first step, if it moves the truth
-    rmse_50: float  # free nodes, steps 1 .. 50 of the rollout
-    rmse_all: float  # free nodes, all steps
-    rmse_1_pooled: float  # the same over all nodes of the body, held ones too
-    rmse_50_pooled: float
-    rmse_all_pooled: float
+    rmsd_1: float  # free nodes, one step from the true state before; without such predictions the first step, if it moves the truth
+    rmsd_50: float  # free nodes, steps 1 .. 50 of the rollout
+    rmsd_all: float  # free nodes, all steps
+    rmsd_1_all_nodes: float  # the same over all nodes of the body, held ones too
+    rmsd_50_all_nodes: float
+    rmsd_all_all_nodes: float
+    rmse_1: float  # of a coordinate, as published: free nodes, the same steps
+    rmse_50: float
+    rmse_all: float
+    rmse_1_by_step: float  # the mean over steps of each step's root
+    rmse_50_by_step: float
+    rmse_all_by_step: float
+    rmse_1_all_nodes: float
+    rmse_50_all_nodes: float
+    rmse_all_all_nodes: float
+    rmse_1_by_step_all_nodes: float
+    rmse_50_by_step_all_nodes: float
+    rmse_all_by_step_all_nodes: float
     gf_h: float  # mean over steps of the Hausdorff distance
     gf_c: float  # [m2] mean over steps of the Chamfer distance
     mc: float  # mean over steps of the error of mesh continuity
@@ -70,8 +82,18 @@ class Frame:
     """What the equations say about one frame."""
 
     residual: float  # [N] missing to equilibrium on free components
-    reaction: Floats  # (3,) [N] of the body on the obstacle; without one, on its supports
+    reactions: Floats  # (K, 3) [N] of the body on each obstacle; without one, (1, 3) on its supports
     energy: float  # [J] stored
+
+    @property
+    def reaction(self) -> Floats:
+        """(3,) [N] all of them together."""
+        return np.asarray(self.reactions.sum(axis=0))
+
+    @property
+    def push(self) -> float:
+        """[N] the sum of their sizes: of two obstacles that press against each other the reactions cancel."""
+        return sum(float(np.linalg.norm(each)) for each in self.reactions)
 
 
 class Checker:
@@ -84,12 +106,12 @@ class Checker:
     def frame(self, u: Floats, fraction: float) -> Frame:
         """Displacements (N, 3) at a fraction of the loading, held against the equations."""
         balance = self.balance
-        outer = balance.outer(fraction)
+        outer = balance.apply_loads(fraction)
         force = balance.elasticity.force(u) - outer
         free, energy = ~balance.fixed, balance.elasticity.energy(u)
         if balance.contact is None:
-            return Frame(float(np.linalg.norm(force[free])), -force[balance.bearing].sum(axis=0), energy)
-        reaction, centre = np.zeros(3), balance.contact.obstacle.position(fraction)
+            return Frame(float(np.linalg.norm(force[free])), -force[balance.bearing].sum(axis=0)[None], energy)
+        reactions, centre = np.zeros((len(balance.contact.obstacle.each), 3)), balance.contact.obstacle.position(fraction)
         zone = balance.contact.zone(u, centre, TOUCHING * balance.size)
         if len(zone.points) and np.isfinite(force).all():
             _, normal = zone.gaps(u, centre)
@@ -98,8 +120,8 @@ class Checker:
             pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
             p = scipy.optimize.nnls(pull, force[zone.nodes][movable], maxiter=100 * len(points))[0]
             force[zone.nodes] -= zone.forces(p, normal)
-            reaction = -p @ normal
-        return Frame(float(np.linalg.norm(force[free])), reaction, energy)
+            reactions = -zone.obstacle.sums(p, normal)
+        return Frame(float(np.linalg.norm(force[free])), reactions, energy)
 
     def correction(self, u: Floats, fraction: float) -> Floats:
         """(N, 3) one Newton step from displacements (N, 3), contact included; infinite where none can be made."""
@@ -154,9 +176,7 @@ class Reference:
             of_first = np.full_like(of_first, np.nan)
         error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))  # (T,)
         return Fidelity(
-            rmse_1=quality.rmse(first, of_first, free), rmse_50=quality.rmse(u[1:51], truth[1:51], free),
-            rmse_all=quality.rmse(u[1:], truth[1:], free), rmse_1_pooled=quality.rmse(first, of_first),
-            rmse_50_pooled=quality.rmse(u[1:51], truth[1:51]), rmse_all_pooled=quality.rmse(u[1:], truth[1:]),
+            **_errors({"1": (first, of_first), "50": (u[1:51], truth[1:51]), "all": (u[1:], truth[1:])}, free, _space(self.mesh, truth)),
             worst_step=int(np.argmax(error)), **self._of_shape(u), **self._of_equations(u, error))
 
     def _frames(self, sample: int | None) -> NDArray[np.int64]:
@@ -187,16 +207,15 @@ class Reference:
         return np.array([von_mises(self.mesh, u[t], self.scene.material) for t in self._frames(self.sample)])  # (frames, C)
 
     def _of_shape(self, u: Floats) -> dict[str, Any]:
-        """The figures of the deformed mesh; of plane cells, those of a cloth, there are fewer."""
+        """The figures of the deformed mesh; of a cloth, plane cells that leave their plane, there are fewer."""
         mesh, frames = self.mesh, self._frames(self.shapes)
         predicted, true = mesh.points + u[frames], mesh.points + self.displacement[frames]
         distances = np.array([quality.set_distances(a, b) for a, b in zip(predicted, true, strict=True)])
         cells, found = (mesh.cells, mesh.cell), dict.fromkeys(OF_CELLS, np.nan)
-        if mesh.cell != "quadrilateral":
-            continuity, ratio = self._cells
-            found |= {"mc": float(np.mean(abs(quality.mesh_continuity(predicted, *cells) - continuity))),
-                      "ar": float(np.mean(abs(quality.aspect_ratio(predicted, *cells) - ratio)))}
-        if mesh.dimension == 3:
+        continuity, ratio = self._cells
+        found |= {"mc": float(np.mean(abs(quality.mesh_continuity(predicted, *cells) - continuity))),
+                  "ar": float(np.mean(abs(quality.aspect_ratio(predicted, *cells) - ratio)))}
+        if mesh.dimension == 3 or not (mesh.points[:, 2].any() or u[..., 2].any()):
             det = quality.det_f(mesh.points, u[frames], *cells)
             found |= {"smallest_det_f": float(det.min()),
                       "smallest_scaled_jacobian": float(quality.scaled_jacobian(predicted, *cells).min()),
@@ -209,17 +228,32 @@ class Reference:
             return dict.fromkeys(OF_EQUATIONS, np.nan)
         checker, steps, due, frames = self._checker, len(u) - 1, self._due, self._frames(self.sample)
         found = [checker.frame(u[t], t / steps) for t in frames]
-        reaction = max(float(np.linalg.norm(frame.reaction)) for frame in due) or np.nan  # no force, no ratio to it
+        reaction = max(frame.push for frame in due) or np.nan  # no force, no ratio to it
         energy = max(frame.energy for frame in due) or np.nan
         lacking = np.array([checker.correction(u[t], t / steps)[self.free] for t in frames])
         estimated, missed = _rms(np.linalg.norm(lacking, axis=2)), _rms(error[frames])
         return {
             "relative_residual": _rms([frame.residual for frame in found]) / reaction,
             "energy_error": _rms([a.energy - b.energy for a, b in zip(found, due, strict=True)]) / energy,
-            "reaction_error": _rms([np.linalg.norm(a.reaction - b.reaction) for a, b in zip(found, due, strict=True)]) / reaction,
+            "reaction_error": _rms([np.linalg.norm(a.reactions - b.reactions) for a, b in zip(found, due, strict=True)]) / reaction,
             "stress_error": _rms(self._stress_of(u) - self._stress) / (_rms(self._stress) or np.nan),
             "estimated_error": estimated, "effectivity": estimated / missed if missed else np.nan,
             "largest_penetration": max(checker.penetration(u[t], t / steps) for t in range(1, steps + 1))}
+
+
+def _errors(steps: dict[str, tuple[Floats, Floats]], free: NDArray[np.bool_], space: int) -> dict[str, Any]:
+    """Every kind of root mean square of some steps, by their name: prediction and truth (T, N, 3)."""
+    found: dict[str, Any] = {}
+    for name, pair in steps.items():
+        for where, nodes in (("", free), ("_all_nodes", slice(None))):
+            found |= {f"rmsd_{name}{where}": quality.rmsd(*pair, nodes), f"rmse_{name}{where}": quality.rmse(*pair, nodes, space=space),
+                      f"rmse_{name}_by_step{where}": quality.rmse(*pair, nodes, by_step=True, space=space)}
+    return found
+
+
+def _space(mesh: Mesh, truth: Floats) -> int:
+    """Along how many axes a body extends or moves: 2 for one in a plane, 3 for a cloth."""
+    return max(1, int(np.count_nonzero((np.ptp(mesh.points, axis=0) > 0) | truth.any(axis=(0, 1)))))
 
 
 def _rms(values: ArrayLike) -> float:

@@ -9,7 +9,7 @@ contact forces in it is one with L and one with L^T:
 
     L y = f,   displacements at the nodes Y^T y,   L^T u = y + Y p
 
-Legend: N nodes, n = 3 N unknowns, C cells.
+Legend: N nodes, D components of each that are unknown, n = D N unknowns, C cells.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ def narrowest_order(elasticity: Stiffness) -> tuple[Integers, int]:
         place = np.empty(count, np.int64)
         place[sequence] = np.arange(count)
         places.append(place)
-    bands = [int(3 * np.ptp(place[cells], axis=1).max() + 2) for place in places]
+    D = mesh.dimension
+    bands = [int(D * np.ptp(place[cells], axis=1).max() + D - 1) for place in places]
     best = int(np.argmin(bands))
     return places[best], bands[best]
 
@@ -63,23 +64,28 @@ class _Cholesky:
     name = ""
     negative = 0
 
-    def __init__(self, elasticity: Stiffness, place: Integers, worth: float) -> None:
-        """Args: place (N,) of each node in the order of elimination."""
-        self.elasticity, self.worth = elasticity, max(8, round(worth))
-        self._unknown = 3 * place[:, None] + np.arange(3)  # (N, 3)
-        self._columns = Columns(self._halves)
+    def __init__(self, elasticity: Stiffness, place: Integers, worth: float, components: int = 3) -> None:
+        """Args: place (N,) of each node in the order of elimination; components: D, of which those beyond are held everywhere."""
+        self.elasticity, self.worth, self._components = elasticity, max(8, round(worth)), components
+        self._unknown = components * place[:, None] + np.arange(components)  # (N, D)
+        self._columns = Columns(self._halves, components)
 
     def _forward(self, y: Floats) -> Floats:
-        """L^-1 y in place, y (3 N,)."""
+        """L^-1 y in place, y (D N,)."""
         raise NotImplementedError
 
     def _backward(self, y: Floats) -> Floats:
-        """L^-T y in place, y (3 N,)."""
+        """L^-T y in place, y (D N,)."""
         raise NotImplementedError
 
     def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
-        """L^-1 of unit forces on n nodes: rows (r,) outside of which it is zero, and (r, 3 n)."""
+        """L^-1 of unit forces on n nodes: rows (r,) outside of which it is zero, and (r, D n)."""
         raise NotImplementedError
+
+    def _whole(self, values: Floats) -> Floats:
+        """(..., 3) from values of the unknown components (..., D)."""
+        beyond = 3 - self._components
+        return np.concatenate([values, np.zeros((*values.shape[:-1], beyond))], axis=-1) if beyond else values
 
     @property
     def learned(self) -> list[Integers]:
@@ -89,46 +95,47 @@ class _Cholesky:
         self._columns.learn(nodes)
 
     def compliance(self, nodes: Integers) -> Floats:
-        columns = self._columns.of(nodes)
-        return self._columns.compliance[np.ix_(columns, columns)]
+        columns, D, n = self._columns.of(nodes), self._components, len(nodes)
+        found = self._columns.compliance[np.ix_(columns, columns)]
+        return found if D == 3 else self._whole(self._whole(found.reshape(n, D, n, D)).swapaxes(1, 3)).swapaxes(1, 3).reshape(3 * n, 3 * n)
 
     def begin(self, force: Floats) -> Floats:
-        y = np.empty(force.size)
-        y[self._unknown] = np.where(self.elasticity.fixed, 0.0, force)
+        y = np.empty(self._unknown.size)
+        y[self._unknown] = np.where(self.elasticity.fixed, 0.0, force)[:, :self._components]
         return self._forward(y)
 
     def at(self, begun: Floats, nodes: Integers) -> Floats:
         columns = self._columns.of(nodes)
-        return (self._columns.half.T @ begun[self._columns.rows])[columns].reshape(-1, 3)
+        return self._whole((self._columns.half.T @ begun[self._columns.rows])[columns].reshape(-1, self._components))
 
     def finish(self, begun: Floats, nodes: Integers | None = None, push: Floats | None = None) -> Floats:
         y = begun.copy()
         if nodes is not None and push is not None and push.any():
             columns = self._columns.of(nodes)
             forces = np.zeros(self._columns.half.shape[1])
-            forces[columns] = push.ravel()
+            forces[columns] = push[:, :self._components].ravel()
             y[self._columns.rows] += self._columns.half @ forces
-        return self._backward(y)[self._unknown]
+        return self._whole(self._backward(y)[self._unknown])
 
     def solve(self, force: Floats) -> Floats:
-        return self._backward(self.begin(force))[self._unknown]
+        return self._whole(self._backward(self.begin(force))[self._unknown])
 
 
 class BandFactor(_Cholesky):
     """LAPACK's banded Cholesky factor, assembled in place."""
 
     def __init__(self, elasticity: Stiffness, place: Integers, band: int) -> None:
-        super().__init__(elasticity, place, band / OPERATIONS)
+        super().__init__(elasticity, place, band / OPERATIONS, elasticity.mesh.dimension)
         self.band, self.name = band, f"banded Cholesky (LAPACK): a half-bandwidth of {band}, at most {WIDEST_BAND}"
-        size = elasticity.mesh.points.size
-        row, column = elasticity.pairs(self._unknown)
+        size, components = self._unknown.size, self._components
+        row, column = elasticity.pairs(np.pad(self._unknown, ((0, 0), (0, 3 - components)), constant_values=size))
         # Column after column of the lower band; what is held goes to one last place.
         slot = np.minimum(row, column) * (band + 1) + abs(row - column)
-        held = np.zeros(size, bool)
-        held[self._unknown[elasticity.fixed]] = True
+        held = np.ones(size + 1, bool)  # the last is for components beyond
+        held[self._unknown] = elasticity.fixed[:, :components]
         slot[held[row] | held[column]] = size * (band + 1)
         self._slot = np.ascontiguousarray(slot, np.int32)
-        self._held = np.flatnonzero(held) * (band + 1)
+        self._held = np.flatnonzero(held[:-1]) * (band + 1)
         self._storage = np.empty(size * (band + 1) + 1)
         self._factor: Floats = np.empty((band + 1, 0))
 
@@ -152,7 +159,7 @@ class BandFactor(_Cholesky):
         unknown = self._unknown[nodes].ravel()
         start = int(unknown.min())
         right = np.zeros((self._unknown.size - start, len(unknown)), order="F")
-        right[unknown - start, np.arange(len(unknown))] = ~self.elasticity.fixed[nodes].ravel()
+        right[unknown - start, np.arange(len(unknown))] = ~self.elasticity.fixed[nodes, :self._components].ravel()
         half = lapack.dtbtrs(self._factor[:, start:], right, uplo="L", overwrite_b=1)[0]
         return np.arange(start, self._unknown.size), half
 

@@ -4,7 +4,7 @@ With K = L L^T the compliance of unit forces E at the components of some nodes i
 nodes in the order of elimination, or beside the parts above them, so it takes far less than solving with K. It is kept as long as the
 factor, and only columns of nodes that come in are computed.
 
-Legend: m known nodes, n asked for, r rows where Y is not zero.
+Legend: D components of a node, m known nodes, n asked for, r rows where Y is not zero.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ FORGET = 3  # nodes whose columns are kept, over those in contact
 class Columns:
     """Y = L^-1 E for unit forces E at the components of some nodes, and their compliance Y^T Y.
 
-    rows: (r,) the unknowns, in the factor's order, outside of which Y is zero; half: (r, 3 m) Y; compliance: (3 m, 3 m)
+    rows: (r,) the unknowns, in the factor's order, outside of which Y is zero; half: (r, D m) Y; compliance: (D m, D m)
     """
 
-    def __init__(self, compute: Callable[[Integers], tuple[Integers, Floats]]) -> None:
-        """Args: compute rows and columns of nodes (n,)."""
-        self._compute = compute
+    def __init__(self, compute: Callable[[Integers], tuple[Integers, Floats]], components: int = 3) -> None:
+        """Args: compute rows and columns of nodes (n,); components: D."""
+        self._compute, self._components = compute, components
         self.clear()
 
     def clear(self) -> None:
@@ -45,7 +45,7 @@ class Columns:
         self.groups.append(nodes)
 
     def of(self, nodes: Integers) -> Integers:
-        """(3 n,) the columns of n nodes; those that are missing are found, and those long out of use forgotten."""
+        """(D n,) the columns of n nodes; those that are missing are found, and those long out of use forgotten."""
         place = self._places(nodes)
         if (place < 0).any():
             if sum(map(len, self.groups)) > FORGET * len(nodes):
@@ -53,7 +53,7 @@ class Columns:
                 place[:] = -1
             self.learn(nodes[place < 0])
             place = self._places(nodes)
-        return (3 * place[:, None] + np.arange(3)).ravel()
+        return (self._components * place[:, None] + np.arange(self._components)).ravel()
 
     def _places(self, nodes: Integers) -> Integers:
         """(n,) of each of n nodes among the known ones, -1 where it is not known."""

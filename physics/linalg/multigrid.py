@@ -44,7 +44,8 @@ class NotSolved(ArithmeticError):
 @dataclass
 class Felt:
     """Contact as q points near the obstacle feel it: n nodes (n,) behind them, the gap's gradient (q, 3 n) and what a round obstacle takes
-    from the stiffness, B^T B with B (b, 3 n), by their components; gaps (q,) [m], softness (q,) [m/N] and forces (q,) [N]."""
+    from the stiffness, B^T B with B (b, 3 n), by their components; gaps (q,) [m], softness (q,) [m/N] and forces (q,) [N]; of several
+    obstacles the sum of the reactions' sizes [N], for the reactions themselves may cancel."""
 
     nodes: Integers
     gradient: Floats
@@ -52,6 +53,7 @@ class Felt:
     gap: Floats
     softness: Floats
     pressed: Floats
+    reaction: float | None = None
 
 
 class Multigrid:
@@ -93,7 +95,7 @@ class Multigrid:
             return self._solve(-force, np.empty(0, np.int64), np.empty((0, 0)), FORCING * float(np.linalg.norm(force[free])))
         nodes, pressed = felt.nodes, felt.pressed
         push = (pressed @ felt.gradient).reshape(-1, 3)
-        known, reaction = force.copy(), float(np.linalg.norm(push.sum(axis=0)))
+        known, reaction = force.copy(), float(np.linalg.norm(push.sum(axis=0))) if felt.reaction is None else felt.reaction
         known[nodes] -= push
         target = max(FORCING * float(np.linalg.norm(known[free])), ENOUGH * tolerance * reaction) if reaction else 0.0
         active = pressed > 0 if reaction else felt.gap < 0
@@ -183,9 +185,12 @@ class Multigrid:
             matrices[-1].setPreallocationCSR((rows.indptr, rows.indices))
             matrices[-1].setOption(PETSc.Mat.Option.SPD, True)
         self._matrix, self._alone = matrices
-        x = self.elasticity.mesh.points - self.elasticity.mesh.points.mean(axis=0)
+        mesh = self.elasticity.mesh
+        x = mesh.points - mesh.points.mean(axis=0)
+        given = self.elasticity.material
+        stiffest = max(own.young_modulus for own in (given if isinstance(given, tuple) else (given,)))
         # Of the order of the other diagonal entries: E times the size of a cell.
-        self._typical = self.elasticity.material.young_modulus * float(np.cbrt(np.prod(np.ptp(x, axis=0)) / len(x)))
+        self._typical = stiffest * float((np.prod(mesh.extent) / len(x)) ** (1 / mesh.dimension))
         basis: list[PETSc.Vec] = []
         for motion in [np.broadcast_to(axis, x.shape) for axis in np.eye(3)] + [np.cross(axis, x) for axis in np.eye(3)]:
             vector = self._matrix.createVecRight()

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from physics import fem
 from physics.mesh.mesh import Mesh
-from physics.scene import Material
+from physics.scene import Materials
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -28,7 +28,7 @@ class Stiffness(Protocol):
     """
 
     mesh: Mesh
-    material: Material
+    material: Materials
     fixed: NDArray[np.bool_]
     cells: NDArray[np.int32]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.shapes.boxes import box, rectangle
@@ -13,7 +15,16 @@ def build_mesh(body: Body) -> Mesh:
     """The mesh of a body, built or read. Raises `InputError` when a file is not what it should be."""
     if body.shape == "file":
         assert body.path is not None
-        return read_mesh(body.path, order=body.order, scale=body.scale or 1.0)
-    if body.shape == "channel":
-        return channel(body)
-    return rectangle(body) if body.cell in PLANE_CELLS else box(body)
+        mesh = read_mesh(body.path, order=body.order, scale=body.scale or 1.0)
+    elif body.shape == "channel":
+        mesh = channel(body)
+    else:
+        mesh = rectangle(body) if body.cell in PLANE_CELLS else box(body)
+    return across(mesh, body)
+
+
+def across(mesh: Mesh, body: Body) -> Mesh:
+    """The mesh of a body with what a plane one is across its plane."""
+    if mesh.dimension == 3:
+        return mesh
+    return replace(mesh, thickness=body.thickness or 1.0, sheet=body.plane == "stress")

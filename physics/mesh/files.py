@@ -13,7 +13,7 @@ from xml.etree.ElementTree import ParseError
 
 import numpy as np
 
-from physics.mesh.cell import CELLS, OF_MESHIO
+from physics.mesh.cell import CELLS
 from physics.mesh.formats import abaqus, gmsh, nastran, others, su2, xdmf
 from physics.mesh.formats.raw import Raw
 from physics.mesh.mesh import Floats, Integers, Mesh, Parts
@@ -118,9 +118,6 @@ def _mesh(raw: Raw, order: int, scale: float) -> Mesh:
 
 def _body(raw: Raw) -> Found:
     """The cells of highest dimension, each once, of one kind and with corners of their own."""
-    for block in raw.blocks:
-        if block.kind not in CELLS:
-            raise InputError(f"has cells of kind {block.kind!r}; known are {', '.join(OF_MESHIO)}")
     blocks = [block for block in raw.blocks if len(block.nodes)]
     if not blocks:
         raise InputError("no cells in it")

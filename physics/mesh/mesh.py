@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS
-from physics.mesh.places import nodes_at
+from physics.mesh.places import inside, nodes_at
 from physics.mesh.sound.fit import piece_of
 from physics.scene import Where
 from physics.schema import InputError, nearest
@@ -38,6 +38,7 @@ class Mesh:
     remarks: what was found odd when the mesh was read, a line each
     mixed: names that stand for several groups, with what these are called
     middles: where the middle nodes of curved cells lie; see sound/curved.py
+    thickness: of a plane body [m]; sheet: whether that may change, with no stress across it, or cannot, with no strain
     """
 
     points: Floats
@@ -48,6 +49,8 @@ class Mesh:
     remarks: tuple[str, ...] = ()
     mixed: dict[str, tuple[str, ...]] = field(default_factory=dict)
     middles: dict[int, tuple[Integers, Floats]] = field(default_factory=dict)
+    thickness: float = 1.0
+    sheet: bool = False
 
     def __repr__(self) -> str:
         names = f", places {', '.join(self.places)}" if self.places else ""
@@ -57,6 +60,11 @@ class Mesh:
     def dimension(self) -> int:
         """3 for a solid body, 2 for a plane one."""
         return CELLS[self.cell].dimension
+
+    @property
+    def extent(self) -> Floats:
+        """(D,) how large the body is along x, y and, unless it is plane, z [m]."""
+        return np.ptp(self.points, axis=0)[:self.dimension]
 
     @cached_property
     def boundary(self) -> list[Integers]:
@@ -123,6 +131,16 @@ class Mesh:
         pools = [self.boundary] + [self.inner] * chosen_ones
         chosen = [[facets[rows_in(facets, known.get(facets.shape[1], facets[:0]))] for facets in pool] for pool in pools]
         return [np.concatenate(parts) for parts in zip(*chosen, strict=True)]
+
+    def region(self, where: str | Where) -> NDArray[np.bool_]:
+        """(C,) the cells that a place of a file is made of, or whose centres lie at one by coordinates. Raises `InputError`: none do."""
+        if isinstance(where, Where):
+            found = inside(self.points[self.cells].mean(axis=1), where)
+        else:
+            found = rows_in(self.cells, self.entities(where).get(self.cells.shape[1], self.cells[:0]))
+        if not found.any():
+            raise InputError(f"no cell {'has its centre there' if isinstance(where, Where) else 'is made of it: it is no region'}")
+        return found
 
     def entities(self, where: str | Where) -> Entities:
         """The vertices, edges, faces and cells that a place is made of; see `place` for where."""

@@ -54,16 +54,19 @@ def _kind(d: int, dimension: int) -> str:
 
 def nodes_at(points: Floats, where: Where) -> Integers:
     """The nodes at a place by coordinates. Raises `InputError` when there are none."""
-    if where.near is not None:
-        inside = np.linalg.norm(points - where.near, axis=1) <= (where.within or 0.0)
-    elif where.plane is not None and where.normal is not None:
-        inside = abs((points - where.plane) @ np.array(where.normal)) <= (where.within or 0.0) * np.linalg.norm(where.normal)
-    else:
-        assert where.box is not None
-        slack = 1e-9 * np.ptp(points, axis=0).max()
-        inside = ((points >= np.array(where.box[0]) - slack) & (points <= np.array(where.box[1]) + slack)).all(axis=1)
-    found = np.flatnonzero(inside)
+    found = np.flatnonzero(inside(points, where))
     if not len(found):
         ends = [f"({', '.join(f'{c:.4g}' for c in end)})" for end in (points.min(axis=0), points.max(axis=0))]
         raise InputError(f"no node at where = {where}; the body lies from {ends[0]} to {ends[1]} m")
     return found
+
+
+def inside(points: Floats, where: Where) -> NDArray[np.bool_]:
+    """(N,) which points lie at a place by coordinates."""
+    if where.near is not None:
+        return np.asarray(np.linalg.norm(points - where.near, axis=1) <= (where.within or 0.0))
+    if where.plane is not None and where.normal is not None:
+        return np.asarray(abs((points - where.plane) @ np.array(where.normal)) <= (where.within or 0.0) * np.linalg.norm(where.normal))
+    assert where.box is not None
+    slack = 1e-9 * np.ptp(points, axis=0).max()
+    return np.asarray(((points >= np.array(where.box[0]) - slack) & (points <= np.array(where.box[1]) + slack)).all(axis=1))

@@ -1,7 +1,7 @@
 """How good a deformed mesh is: against a true one, and by itself.
 
-Against the truth: rmse, Hausdorff GF_h, Chamfer GF_c, and the errors of mesh continuity MC and aspect ratio AR. By itself:
-cell volumes, det F (F the deformation gradient of the isoparametric map), inverted cells, scaled Jacobian. GF_h, GF_c, MC
+Against the truth: rmse, rmsd, Hausdorff GF_h, Chamfer GF_c, and the errors of mesh continuity MC and aspect ratio AR. By itself:
+cell volumes, det F (F the deformation gradient of the isoparametric map), scaled Jacobian. GF_h, GF_c, MC
 and AR follow the M4GN paper (appendix "Metrics for Mesh Quality Measure"), which takes them at every step and averages.
 
 Legend: N nodes, C cells, n nodes of a cell, Q sample points of a cell; "..." any leading axes, usually the T frames.
@@ -25,25 +25,43 @@ Integers = NDArray[np.int64]
 
 # Volume of the ideal cell with edges of length 1, and what makes its scaled Jacobian 1.
 IDEAL_VOLUME = {"prism": 3**0.5 / 4, "hexahedron": 1.0}
-IDEAL_CORNER = {"tetrahedron": 2**0.5, "prism": 2 / 3**0.5, "hexahedron": 1.0}
+IDEAL_CORNER = {"triangle": 2 / 3**0.5, "quadrilateral": 1.0, "tetrahedron": 2**0.5, "prism": 2 / 3**0.5, "hexahedron": 1.0}
 FLAT = 1e-12  # of a cell's largest Jacobian determinant
 CHUNK = 4_000_000  # floats held at once while the frames are worked through
 
 
-def rmse(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice = slice(None)) -> float:
-    """sqrt(mean over frames and nodes of |prediction - reference|^2) [m], |.| the Euclidean norm of the vector.
-
-    The paper does not say whether it averages over the three components as well, as DeepMind's evaluation of MeshGraphNets
-    does: such a number is this one divided by sqrt(3).
+def rmsd(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice = slice(None)) -> float:
+    """Root mean square distance, sqrt(mean over frames and nodes of |prediction - reference|^2) [m], |.| the length of the vector.
 
     Args:
-        prediction, reference: (..., N, 3)
+        prediction, reference: (..., N, D)
         nodes: (N,) bool or node numbers, those that count
     """
+    return float(np.sqrt(np.mean(np.sum(_squares(prediction, reference, nodes), axis=-1))))
+
+
+def rmse(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice = slice(None), *, by_step: bool = False,
+         space: int = 3) -> float:
+    """Root mean square error of a coordinate [m], as DeepMind's evaluation of MeshGraphNets counts, and papers after it.
+
+    sqrt(mean over frames, nodes and components of (prediction - reference)^2), which is rmsd / sqrt(space).
+
+    Args:
+        prediction, reference, nodes: as of rmsd, with frames in front
+        by_step: the mean over frames of each frame's own root, which is never more
+        space: how many components count: 2 for a body in a plane, whose third is always zero
+    """
+    squares = np.sum(_squares(prediction, reference, nodes), axis=-1) / space
+    return float(np.mean(np.sqrt(np.mean(squares, axis=-1))) if by_step else np.sqrt(np.mean(squares)))
+
+
+def _squares(prediction: ArrayLike, reference: ArrayLike, nodes: ArrayLike | slice) -> Floats:
+    """(..., n, D) squared errors of the chosen nodes."""
     # Only the chosen nodes are copied; in float64, because the square of a float32 error of 1e-20 m would be lost.
     chosen = nodes if isinstance(nodes, slice) else np.asarray(nodes)
     error = np.asarray(prediction)[..., chosen, :].astype(np.float64) - np.asarray(reference)[..., chosen, :]
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=-1))))
+    squares: Floats = error**2
+    return squares
 
 
 def set_distances(a: ArrayLike, b: ArrayLike) -> tuple[float, float]:
@@ -67,15 +85,15 @@ def _gaps(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def cell_volumes(points: ArrayLike, cells: Integers, cell: str) -> Floats:
-    """(..., C) volume [m^3], negative where a cell is turned inside out; of triangles the area [m^2].
+    """(..., C) volume [m^3], negative where a cell is turned inside out; of plane cells the area [m^2], which has no sign.
 
     The volume of the isoparametric map, integrated exactly: det J is of degree 2 at most in each coordinate.
     """
     positions = np.asarray(points, np.float64)
-    if cell == "triangle":
-        corners = positions[..., cells, :]  # (..., C, 3, 3)
-        sides = corners[..., 1:, :] - corners[..., :1, :]
-        return np.linalg.norm(np.cross(sides[..., 0, :], sides[..., 1, :]), axis=-1) / 2
+    if CELLS[cell].dimension == 2:
+        corners = positions[..., cells, :]  # (..., C, n, 3)
+        one, other = (corners[..., 1, :], corners[..., 2, :]) if cell == "triangle" else (corners[..., 2, :], corners[..., 3, :])
+        return np.linalg.norm(np.cross(one - corners[..., 0, :], other - corners[..., cells.shape[1] - 3, :]), axis=-1) / 2
     weights = _samples(cell)[1]
     kept = np.flatnonzero(weights)
     chunks = [np.tensordot(weights[kept], part, 1) for part in _jacobians(positions, cells, cell, kept)]  # each (C, t)
@@ -85,7 +103,8 @@ def cell_volumes(points: ArrayLike, cells: Integers, cell: str) -> Floats:
 def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Floats:
     """(..., C) smallest det F = det J(x) / det J(X) in each cell, over its vertices and its quadrature points.
 
-    J is the Jacobian of the isoparametric map, X = points (N, 3) the rest positions, x = X + displacement (..., N, 3) [m].
+    J is the Jacobian of the isoparametric map, X = points (N, 3) the rest positions, x = X + displacement (..., N, 3) [m]. Plane
+    cells are looked at from z: J is that of x and y.
     The quadrature points are those of degree 2: in a hexahedron 2 x 2 x 2 Gauss points, in a prism the heights of the two
     Gauss points at the triangle's vertices (det J is linear across the triangle, so this bounds all points at that height).
     """
@@ -107,11 +126,6 @@ def centre_gradients(cell: str) -> Floats:
 def smallest_det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Floats:
     """(...) smallest det F of the whole mesh, as in `det_f`."""
     return det_f(points, displacement, cells, cell).min(axis=-1)
-
-
-def inverted_cells(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Integers:
-    """(...) number of cells whose det F is not positive at one of the points of `det_f`, or not a number."""
-    return np.count_nonzero(~(det_f(points, displacement, cells, cell) > 0), axis=-1)
 
 
 def mesh_continuity(points: ArrayLike, cells: Integers, cell: str) -> Floats:
@@ -145,6 +159,7 @@ def aspect_ratio(points: ArrayLike, cells: Integers, cell: str) -> Floats:
     tetrahedron  sqrt(6) L / V^(1/3)             as the paper prints it: 4.996 for the regular one
     prism        L (sqrt(3) / (4 V))^(1/3)       own: 1 for the prism whose edges are all equal and normal to its triangles
     hexahedron   L / V^(1/3)                     own: 1 for the cube
+    quadrilateral  L / A^(1/2)                   own: 1 for the square
     """
     longest = np.sqrt(_squared_edges(np.asarray(points, np.float64), cells, cell).max(axis=0))
     size = abs(cell_volumes(points, cells, cell))
@@ -153,6 +168,8 @@ def aspect_ratio(points: ArrayLike, cells: Integers, cell: str) -> Floats:
             return longest / (2 * np.sqrt(3**0.5 * size))
         if cell == "tetrahedron":
             return 6**0.5 * longest / np.cbrt(size)
+        if cell == "quadrilateral":
+            return longest / np.sqrt(size)
         return longest / np.cbrt(size / IDEAL_VOLUME[cell])
 
 
@@ -167,7 +184,8 @@ def scaled_jacobian(points: ArrayLike, cells: Integers, cell: str) -> Floats:
     As VTK's and Verdict's (Stimpson et al. 2007), which for a hexahedron look at its centre as well.
     """
     positions = np.asarray(points, np.float64)
-    vertices = np.arange(cells.shape[1]) if cell != "tetrahedron" else np.zeros(4, int)  # det J is constant in a tetrahedron
+    even = cell in ("triangle", "tetrahedron")  # det J is the same everywhere
+    vertices = np.zeros(cells.shape[1], int) if even else np.arange(cells.shape[1])
     corners = _by_frame(list(_jacobians(positions, cells, cell, vertices)), positions)  # (n, ..., C)
     squared = _squared_edges(positions, cells, cell)
     lengths = [np.sqrt(np.prod([squared[e] for e, edge in enumerate(CELLS[cell].edges) if vertex in edge], axis=0))
@@ -205,13 +223,16 @@ def _neighbours(cells: Integers, cell: str) -> Integers:
 @cache
 def _samples(cell: str) -> tuple[Floats, Floats]:
     """(Q, n, 3) gradients of the shape functions in the cell's coordinates, vertices first; (Q,) weights of the volume."""
-    if cell == "tetrahedron":
-        points, weights = CELLS[cell].points, CELLS[cell].weights
+    points, weights = CELLS[cell].points, CELLS[cell].weights
+    if cell in ("triangle", "tetrahedron"):
+        pass  # the gradients are the same everywhere
+    elif cell == "quadrilateral":
+        points, weights = np.concatenate([HEXAHEDRON[:4], points]), np.repeat([0.0, 1 / 4], 4)
     elif cell == "prism":
         places = [(r, s, t) for ts in ((0.0, 1.0), GAUSS) for t in ts for r, s in ((0, 0), (1, 0), (0, 1))]
         points, weights = np.array(places), np.repeat([0.0, 1 / 12], 6)
     else:
-        points, weights = np.concatenate([HEXAHEDRON, CELLS[cell].points]), np.repeat([0.0, 1 / 8], 8)
+        points, weights = np.concatenate([HEXAHEDRON, points]), np.repeat([0.0, 1 / 8], 8)
     return CELLS[cell].shapes(points)[1], weights
 
 
@@ -223,6 +244,9 @@ def _jacobians(points: Floats, cells: Integers, cell: str, kept: Integers | slic
     for start in range(0, len(frames), step):
         nodes = frames[start:start + step].transpose(2, 1, 0)[:, cells.T]  # (3, n, C, t)
         x, y, z = (np.tensordot(gradients, part, 1) for part in nodes)  # each (Q, 3, C, t)
+        if CELLS[cell].dimension == 2:
+            yield x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]
+            continue
         yield (x[:, 0] * (y[:, 1] * z[:, 2] - y[:, 2] * z[:, 1]) + x[:, 1] * (y[:, 2] * z[:, 0] - y[:, 0] * z[:, 2])
                + x[:, 2] * (y[:, 0] * z[:, 1] - y[:, 1] * z[:, 0]))
 

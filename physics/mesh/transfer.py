@@ -26,14 +26,18 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats) -> Floats:
     Raises ValueError when a point lies in no cell by more than 1e-6 of the cell's size.
     """
     extent = np.ptp(mesh.points[mesh.cells], axis=1).mean(axis=0)  # of a cell along x, y, z: distances count in cells
+    flat = range(mesh.dimension, 3)  # a plane body has no extent along z
+    extent[flat] = 1.0
     centres = cKDTree(mesh.points[mesh.cells].mean(axis=1) / extent)
     near = centres.query(points / extent, min(CANDIDATES, len(mesh.cells)))[1].reshape(len(points), -1)  # (M, k)
     corners = mesh.points[mesh.cells[near]]  # (M, k, n, 3)
     at = np.full((*near.shape, 3), 0.25 if mesh.cell == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
+    at[..., flat] = 0.0
     for _ in range(NEWTON_STEPS):
         values, gradients = CELLS[mesh.cell].shapes(at)
         missing = points[:, None] - np.einsum("mkn,mknd->mkd", values, corners)
         jacobian = np.einsum("mkne,mknd->mkde", gradients, corners)
+        jacobian[..., flat, flat] = 1.0
         at = at + np.linalg.solve(jacobian, missing[..., None])[..., 0]
     values, _ = CELLS[mesh.cell].shapes(at)
     astray = np.linalg.norm(points[:, None] - np.einsum("mkn,mknd->mkd", values, corners), axis=-1)

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from physics import fem
 from physics.body.elasticity import small_strain_stiffness
-from physics.body.material import lame, orthotropic_stiffness
+from physics.body.material import cellwise, hooke, lame
 from physics.body.supports import held, pieces_held, rigid_motions_left
 from physics.linalg.eigen.lowest import lowest_pairs
 from physics.linalg.eigen.pairs import GOAL, Pairs, Problem, clusters
@@ -128,8 +128,7 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
     largest = np.take_along_axis(shapes.reshape(count, -1), abs(shapes).reshape(count, -1).argmax(axis=1)[:, None], axis=1)
     sign = np.where(largest < 0, -1.0, 1.0)  # (m, 1)
     still = np.zeros((3 - mesh.dimension,))
-    first_order = scene.body.order == 1 and scene.body.element != "reduced" and scene.material.orthotropic is None
-    stiff = locking.said(mesh, shapes, pairs.zeros, scene.material) if first_order else ()
+    stiff = locking.said(mesh, shapes, pairs.zeros, scene)
     cells = f"{CELLS[mesh.cell].plural} of order {scene.body.order}" + (
         "" if scene.body.element == "standard" else f", {scene.body.element} element")
     return Modes(
@@ -145,23 +144,23 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
     fixed = held(scene, mesh)
     space = fem.Space(mesh, order=scene.body.order, spread=spread)
     u, v = ufl.TrialFunction(space.V), ufl.TestFunction(space.V)
-    lmbda, mu = lame(scene.material)
+    lmbda, mu = (cellwise(scene.material, mesh, lambda own, i=i: lame(own)[i]) for i in (0, 1))  # type: ignore[misc]
     if mesh.dimension == 2 and scene.body.plane == "stress":
         lmbda = 2 * mu * lmbda / (lmbda + 2 * mu)
     if scene.body.element != "standard":
-        if scene.material.orthotropic is not None:
+        if _orthotropic(scene):
             raise InputError(f"body.element = {scene.body.element!r}: for isotropic materials only; leave it or orthotropic out")
         if space.comm.size > 1:
             raise InputError(f"body.element = {scene.body.element!r}: for one process only; leave mpirun or the element out")
         stiffness = small_strain_stiffness(space, mesh, scene.material, scene.body.element)
-    elif scene.material.orthotropic is not None:
-        stiffness = fem.matrix(_orthotropic_form(space, scene))
+    elif _orthotropic(scene):
+        stiffness = fem.matrix(_orthotropic_form(space, scene, mesh))
     else:
-        first, second = space.constant(lmbda), space.constant(mu)
+        first, second = space.number(lmbda), space.number(mu)
         dx = ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
         strain = ufl.sym(ufl.grad(v))
         stiffness = fem.matrix((first * ufl.div(u) * ufl.div(v) + 2 * second * ufl.inner(ufl.sym(ufl.grad(u)), strain)) * dx)
-    mass = fem.mass_matrix(space, scene.material.density, stiffness)
+    mass = fem.mass_matrix(space, _density(scene, mesh), stiffness)
 
     free = np.ones((space.owned, mesh.dimension), bool)
     for support in scene.support:
@@ -170,22 +169,32 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
         for letter in support.fixed:
             if "xyz".index(letter) < mesh.dimension:
                 free[inside, "xyz".index(letter)] = False
-    if mesh.dimension == 2:
-        fixed[:, 2] = True
     zeros = sum(rigid_motions_left(replace(mesh, points=mesh.points[part]), fixed[part]) for part in pieces(mesh))
     return Problem(stiffness=stiffness, mass=mass, free=free.ravel(), zeros=zeros, scale=_first_bending(scene, mesh),
                    dimension=mesh.dimension, near_null=_rigid_motions(space)), space
 
 
-def _orthotropic_form(space: fem.Space, scene: Scene) -> Any:
+def _orthotropic(scene: Scene) -> bool:
+    return any(material.orthotropic is not None for material in scene.materials)
+
+
+def _density(scene: Scene, mesh: Mesh) -> float | Floats:
+    """[kg/m3], of several materials that of each cell."""
+    return cellwise(scene.material, mesh, lambda own: own.density)
+
+
+def _orthotropic_form(space: fem.Space, scene: Scene, mesh: Mesh) -> Any:
     """The stiffness of an orthotropic body as a UFL form, whose constants may change without compiling it again."""
-    assert scene.material.orthotropic is not None
     D = space.components
-    normal, shear = orthotropic_stiffness(scene.material.orthotropic, None if D == 3 else scene.body.plane or "strain")
+    plane = None if D == 3 else scene.body.plane or "strain"
+
+    def constant(part: int, *index: int) -> Any:
+        return space.number(cellwise(scene.material, mesh, lambda own: float(np.asarray(hooke(own, plane)[part])[index])))
+
     e, d = (ufl.sym(ufl.grad(of)) for of in (ufl.TrialFunction(space.V), ufl.TestFunction(space.V)))
-    density = sum(space.constant(float(normal[i, j])) * e[i, i] * d[j, j] for i in range(D) for j in range(D))
-    for modulus, (i, j) in zip(shear, ((0, 1), (1, 2), (0, 2)), strict=False):
-        density += 4 * space.constant(modulus) * e[i, j] * d[i, j]
+    density = sum(constant(0, i, j) * e[i, i] * d[j, j] for i in range(D) for j in range(D))
+    for shear, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))[:1 if plane else 3]):
+        density += 4 * constant(1, shear) * e[i, j] * d[i, j]
     return density * ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
 
 
@@ -196,7 +205,7 @@ def _at(problem: Problem, scene: Scene, mesh: Mesh, at: tuple[Floats, float], sp
     for matrix in (problem.stiffness, problem.mass):
         matrix.destroy()
     stiffness, space, said = loaded_stiffness(scene, mesh, *at)
-    return replace(problem, stiffness=stiffness, mass=fem.mass_matrix(space, scene.material.density, stiffness)), space, (said,)
+    return replace(problem, stiffness=stiffness, mass=fem.mass_matrix(space, _density(scene, mesh), stiffness)), space, (said,)
 
 
 def amplitudes(modes: Modes) -> Floats:
@@ -236,7 +245,7 @@ def euler_bernoulli_hz(scene: Scene, count: int) -> tuple[float, ...]:
     f = (beta L)^2 / (2 pi L^2) sqrt(E I / (rho A)) with cos(beta L) cosh(beta L) = -1 (Blevins, table 8-1).
     """
     length, width, height = scene.body.extent
-    material = scene.material
+    (material,) = scene.materials
     guess = (np.arange(count) + 0.5) * np.pi
     guess[0] = 1.8751040687
     for _ in range(20):  # Newton on cos(x) + 1 / cosh(x)
@@ -252,7 +261,8 @@ def _first_bending(scene: Scene, mesh: Mesh) -> float:
     """The order of magnitude of a body's first eigenvalue [1/s2]: that of a slender cantilever of its extent."""
     extent = np.ptp(mesh.points, axis=0)
     slenderness = extent[extent > 0].min() / extent.max() ** 2
-    return float(scene.material.young_modulus / scene.material.density * slenderness**2)
+    fastest = max(material.young_modulus / material.density for material in scene.materials)
+    return float(fastest * slenderness**2)
 
 
 def _translations(space: fem.Space) -> Floats:

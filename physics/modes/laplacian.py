@@ -93,7 +93,8 @@ def laplacian_modes(body: Body, *, count: int = 10, dirichlet: Sequence[str] | N
         nodes[part[1]] = True
     dofs = space.comm.allreduce(int(free.sum()))
     if count > dofs:
-        raise InputError(f"{count} modes asked for, the domain has {dofs} free values")
+        none = "; every node is where they are zero: --dirichlet names other places, or none" if not dofs else ""
+        raise InputError(f"{count} modes asked for, the domain has {dofs} free values{none}")
     problem = Problem(stiffness=stiffness, mass=mass, free=free, zeros=sum(not nodes[part].any() for part in pieces(mesh)),
                       scale=float((np.pi / np.ptp(mesh.points, axis=0).max()) ** 2), dimension=mesh.dimension,
                       near_null=np.ones((1, space.owned)))

@@ -42,7 +42,7 @@ def loaded_stiffness(scene: Scene, mesh: Mesh, u: Floats, fraction: float) -> tu
         InputError: the law has no tangent but that of rest, the body is in motion, plane or of second order, or free to move
         NoEquilibrium: there is no stable equilibrium beside the state
     """
-    if scene.material.law == "linear":
+    if scene.linear:
         raise InputError("material.law = 'linear': its stiffness is that of rest whatever the load; take a law of finite strain")
     if scene.steps.dynamic:
         raise InputError("steps.dynamic = true: a body in motion is in no equilibrium to swing about")

@@ -1,8 +1,9 @@
-"""How much too stiff are cells of first order in a mode? By the strain that jumps from cell to cell.
+"""How much too stiff are cells of first order in a mode, or under a load? By the strain that jumps from cell to cell.
 
 In a cell of first order that bends, strain cannot follow: shear grows along the cell and falls back at the next one (shear locking).
-So the strain of a mode is averaged at the nodes, and the energy of what this takes away is compared with all of it (Zienkiewicz and
-Zhu 1987). A body that is stiffer by the factor 1 / (1 - share) swings faster by its root. Legend: C cells, N nodes, P points, n corners.
+So the strain of a motion is averaged at the nodes, and the energy of what this takes away is compared with all of it (Zienkiewicz and
+Zhu 1987). A body is stiffer by the factor 1 / (1 - share), and swings faster by its root. Strain is Green's, which turns with the body.
+Legend: C cells, N nodes, P points, n corners.
 """
 
 from __future__ import annotations
@@ -12,22 +13,23 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.body.material import lame
+from physics.body.material import by_region, lame
 from physics.mesh.cell import CELLS, GAUSS, TRIANGLE
 from physics.mesh.mesh import Mesh
 from physics.mesh.sound.cells import PLACE
-from physics.scene import Material
+from physics.scene import Material, Materials, Scene
 
 Floats = NDArray[np.float64]
-TOLD = 0.05  # of a frequency
+TOLD = 0.05  # of a frequency, which is 10 % of the stiffness
 CHUNK = 20_000  # cells at once
+RIGID = 1e-7  # strain over displacement by extent, below which a body is not strained; in the thinnest beam that bends it is 1e-4
 
 
-def said(mesh: Mesh, shapes: Floats, rigid: int, material: Material) -> tuple[str, ...]:
+def said(mesh: Mesh, shapes: Floats, rigid: int, scene: Scene) -> tuple[str, ...]:
     """A remark when the first of some modes (m, N, 3) that strains a body of first-order cells is much too stiff."""
-    if rigid >= len(shapes):
+    if rigid >= len(shapes) or not _may_lock(scene):
         return ()
-    excess = too_high(mesh, shapes[rigid], material)
+    excess = too_high(mesh, shapes[rigid], scene.material, scene.body.element)
     if excess < TOLD:
         return ()
     other = "hexahedra of order 2" if mesh.cell == "prism" else "body.order = 2"
@@ -35,32 +37,70 @@ def said(mesh: Mesh, shapes: Floats, rigid: int, material: Material) -> tuple[st
             f"take shorter cells or {other}",)
 
 
-def too_high(mesh: Mesh, shape: Floats, material: Material) -> float:
-    """By what share of itself a mode's frequency is too high, about; shape (N, 3) of a body of first order.
+def said_of_path(scene: Scene, mesh: Mesh, displacement: Floats, energy: Floats, linear: int) -> tuple[str, ...]:
+    """A remark when a body of first-order cells is much too stiff in the step that strains it most.
 
-    A plane body counts as one without strain across it.
+    Args:
+        displacement, energy: (T, N, 3) and (T,) of a path; linear: how many of its first steps solved linear elasticity
+    """
+    step = int(np.argmax(energy))
+    if not energy[step] > 0 or not _may_lock(scene):
+        return ()
+    finite = not scene.linear and step > linear
+    stiff = too_stiff(mesh, displacement[step], scene.material, scene.body.element, finite=finite)
+    if (1 + stiff) ** 0.5 - 1 < TOLD:
+        return ()
+    reduced = mesh.cell == "prism" and scene.body.shape == "beam" and scene.body.extent[0] >= max(scene.body.extent[1:])
+    other = ', or body.element = "reduced"' if reduced else ""
+    return (f"cells of first order resist too stiffly here: at step {step} the body by about {100 * stiff:.0f} %, so it moves too little "
+            f"or pushes back too hard; take smaller cells{other}",)
+
+
+def too_high(mesh: Mesh, shape: Floats, material: Materials, element: str = "standard") -> float:
+    """By what share of itself a mode's frequency is too high, about; shape (N, 3) of a body of first order."""
+    return float((1 + too_stiff(mesh, shape, material, element)) ** 0.5 - 1)
+
+
+def too_stiff(mesh: Mesh, shape: Floats, material: Materials, element: str = "standard", *, finite: bool = False) -> float:
+    """By what share of itself a body of first order is too stiff in a motion (N, 3), about; 0 where that is rigid.
+
+    A plane body counts as one without strain across it. Args: finite: strain is Green's, not that of small displacements
     """
     place, points, weights = _rule(mesh.cell)
     at = place + 1e-3 * (place.mean(axis=0) - place)  # at the corners, but for those that are flat
     d = mesh.dimension
     x, u = mesh.points[:, :d], shape[:, :d]
     (_, near), (values, slopes) = _shapes(mesh.cell, at), _shapes(mesh.cell, points)
-    parts = np.array_split(mesh.cells, len(mesh.cells) // CHUNK + 1)
-    mean, total = np.zeros((len(mesh.points), d, d)), np.zeros(len(mesh.points))
-    for cells in parts:
-        strain, size = _strains(near, x[cells], u[cells])  # (C, n, d, d) at the corners
-        volume = size.mean(axis=1)[:, None]
-        np.add.at(mean, cells, strain * volume[..., None, None])
-        np.add.at(total, cells, volume)
-    mean /= total[:, None, None]
-    whole = jumps = 0.0
-    for cells in parts:
-        strain, size = _strains(slopes, x[cells], u[cells])
-        smooth = np.einsum("pn,cnij->cpij", values, mean[cells])
-        whole += float((_density(strain, material) * size * weights).sum())
-        jumps += float((_density(strain - smooth, material) * size * weights).sum())
+    whole = jumps = most = 0.0
+    for own, chosen in by_region(material, mesh):  # between materials strain may jump
+        all_cells = mesh.cells[chosen]
+        parts = np.array_split(all_cells, len(all_cells) // CHUNK + 1)
+        mean, total = np.zeros((len(mesh.points), d, d)), np.zeros(len(mesh.points))
+        for cells in parts:
+            (strain, size), (inner, inner_size) = (_strains(of, x[cells], u[cells], finite) for of in (near, slopes))
+            if element == "mean-dilatation":
+                strain = _dilated(strain, _dilatation(inner, inner_size * weights))
+            volume = size.mean(axis=1)[:, None]
+            np.add.at(mean, cells, strain * volume[..., None, None])
+            np.add.at(total, cells, volume)
+        mean /= np.where(total > 0, total, 1.0)[:, None, None]
+        most = max(most, float(abs(mean).max(initial=0)))
+        for cells in parts:
+            strain, size = _strains(slopes, x[cells], u[cells], finite)
+            if element == "mean-dilatation":
+                strain = _dilated(strain, _dilatation(strain, size * weights))
+            smooth = np.einsum("pn,cnij->cpij", values, mean[cells])
+            whole += float((_density(strain, own) * size * weights).sum())
+            jumps += float((_density(strain - smooth, own) * size * weights).sum())
+    if most * np.ptp(x) <= RIGID * abs(u).max(initial=0):
+        return 0.0
     share = min(jumps / whole, 0.999) if whole > 0 else 0.0
-    return float((1 - share) ** -0.5 - 1)
+    return 1 / (1 - share) - 1
+
+
+def _may_lock(scene: Scene) -> bool:
+    """Whether its cells are of the kind that may be much too stiff, and the measure is for its material."""
+    return scene.body.order == 1 and scene.body.element != "reduced" and not any(material.orthotropic for material in scene.materials)
 
 
 def _rule(kind: str) -> tuple[Floats, Floats, Floats]:
@@ -73,19 +113,35 @@ def _rule(kind: str) -> tuple[Floats, Floats, Floats]:
 
 
 def _shapes(kind: str, at: Floats) -> tuple[Floats, Floats]:
-    """(P, n) first-order shape functions and (P, n, d) their gradients; of plane cells those of a prism or hexahedron at its base."""
-    if CELLS[kind].dimension == 3:
-        return CELLS[kind].shapes(at)
-    n = CELLS[kind].corners
-    values, slopes = CELLS[{3: "prism", 4: "hexahedron"}[n]].shapes(np.pad(at, ((0, 0), (0, 1))))
-    return values[:, :n], slopes[:, :n, :2]
+    """(P, n) first-order shape functions and (P, n, d) their gradients."""
+    d = CELLS[kind].dimension
+    values, slopes = CELLS[kind].shapes(np.pad(at, ((0, 0), (0, 3 - d))))
+    return values, slopes[:, :, :d]
 
 
-def _strains(slopes: Floats, x: Floats, u: Floats) -> tuple[Floats, Floats]:
-    """(C, P, d, d) small strains and (C, P) Jacobian determinants from gradients (P, n, d) of the shape functions."""
+def _strains(slopes: Floats, x: Floats, u: Floats, finite: bool) -> tuple[Floats, Floats]:
+    """(C, P, d, d) strains and (C, P) Jacobian determinants from gradients (P, n, d) of the shape functions.
+
+    Of a finite motion they are Green's, but for their trace, which is the change of volume.
+    """
     jacobian = np.einsum("pne,cnd->cped", slopes, x)
-    gradient = np.linalg.solve(jacobian, np.einsum("pne,cnd->cped", slopes, u))
-    return (gradient + gradient.swapaxes(2, 3)) / 2, np.linalg.det(jacobian)
+    gradient = np.linalg.solve(jacobian, np.einsum("pne,cnd->cped", slopes, u))  # [..., e, d]: of component d along e
+    strain = (gradient + gradient.swapaxes(2, 3)) / 2
+    if finite:
+        strain = _dilated(strain + gradient @ gradient.swapaxes(2, 3) / 2, np.linalg.det(gradient + np.eye(x.shape[2])) - 1)
+    return strain, np.linalg.det(jacobian)
+
+
+def _dilatation(strain: Floats, weights: Floats) -> Floats:
+    """(C, 1) the mean trace of strains (C, P, d, d) in each cell, by weights (C, P)."""
+    return (np.trace(strain, axis1=2, axis2=3) * weights).sum(axis=1, keepdims=True) / weights.sum(axis=1, keepdims=True)
+
+
+def _dilated(strain: Floats, dilatation: Floats) -> Floats:
+    """Strains (C, P, d, d) with another trace (C, P) or (C, 1)."""
+    d = strain.shape[2]
+    missing = dilatation - np.trace(strain, axis1=2, axis2=3)
+    return strain + missing[..., None, None] / d * np.eye(d)
 
 
 def _density(strain: Floats, material: Material) -> Floats:

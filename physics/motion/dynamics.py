@@ -33,7 +33,7 @@ from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped
 from physics.body.schedule import share
 from physics.body.supports import traction_load
-from physics.equilibrium.balance import Balance, cells_said, contact_said
+from physics.equilibrium.balance import Balance, contact_said, material_said
 from physics.equilibrium.newton import TOLERANCE, Newton, NewtonMemory
 from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, StatesMemory, best_order, extrapolate
 from physics.journal import Arrays
@@ -161,7 +161,7 @@ class Motion:
         contact = self.balance.contact
         if contact is None:
             return False
-        safe = min(contact.obstacle.width, float(np.ptp(self.balance.mesh.points, axis=0).min())) / 2
+        safe = min(contact.obstacle.width, float(self.balance.mesh.extent.min())) / 2
         return self.balance.stride(start, end) + float(np.linalg.norm(self.velocity, axis=1).max()) * h / safe > 1
 
     def _rests(self, u: Floats, fraction: float) -> bool:
@@ -185,7 +185,7 @@ class Motion:
         towards = (centre - contact.obstacle.position(before)) / h
         velocity, force = bear(contact, state.u, velocity, pressure=state.pressure, centre=centre, towards=towards,
                                mobile=np.where(self.fixed, 0.0, 1 / self.moving.node_mass), h=h)
-        return replace(state, reaction=state.reaction - force), velocity
+        return replace(state, reaction=state.reaction - sum(force[1:], force[0]), reactions=state.reactions - force), velocity
 
     def _append(self, state: State) -> State:
         self.order = best_order(self.states, state)
@@ -200,10 +200,10 @@ class Motion:
     def model(self) -> dict[str, str]:
         """What is modelled, and why, in words."""
         scene = self.balance.scene
-        said = {"kinematics": "small strain, as the linear law has it" if scene.material.law == "linear" else "finite strain: in motion",
-                "material": f"{scene.material.law}; {cells_said(scene)}"}
+        said = {"kinematics": "small strain, as the linear law has it" if scene.linear else "finite strain: in motion",
+                "material": material_said(scene)}
         lasting = "; what a surface layer of nodes loses when it is struck is gone, and contact makes no energy"
-        return said | {"contact": contact_said(scene) + lasting * (scene.obstacle is not None), "factor": self.newton.tangent.solver.name}
+        return said | {"contact": contact_said(scene) + lasting * bool(scene.obstacles), "factor": self.newton.tangent.solver.name}
 
     def frame(self) -> Arrays:
         """What is reported of the last state; each of the arrays is a row of one in `equilibrium.Solution`."""
@@ -211,7 +211,8 @@ class Motion:
         found: dict[str, Any] = {
             "displacement": state.u, "reaction": state.reaction, "energy": self.body.energy(state.u) if state.u.any() else 0.0,
             "penetration": state.penetration, "newton_iterations": state.iterations, "relative_residual": state.residual,
-            "kinetic_energy": self.kinetic_energy, "snap": 0.0, "released": 0.0}
+            "kinetic_energy": self.kinetic_energy, "snap": 0.0, "released": 0.0,
+            **state.of_each(len(self.balance.scene.obstacles))}
         return {name: np.asarray(value) for name, value in found.items()}
 
     def memory(self) -> MotionMemory:

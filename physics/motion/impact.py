@@ -35,7 +35,7 @@ class Sweeping(Contact):
         self.u, self.centre = np.zeros_like(contact.rest), contact.obstacle.position(0.0)
 
     def begin(self, u: Floats, centre: Floats) -> None:
-        """A step from displacements (N, 3) and a centre (3,) of the obstacle."""
+        """A step from displacements (N, 3) and a centre (3,) of the obstacle, of several (K, 3)."""
         self.u, self.centre = u, centre
 
     def zone(self, u: Floats, centre: Floats, reach: float) -> Zone:
@@ -49,10 +49,9 @@ class _SweptZone(Zone):
 
     def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
         """Gaps (q,) [m] at displacements (N, 3), and the mean normals (q, 3) of the way to there."""
-        obstacle, start = self._sweep.obstacle, self._sweep.centre
-        before = self.weights @ (self._rest + self._sweep.u[self.nodes]) - start
-        after = self.weights @ (self._rest + u[self.nodes]) - centre
-        nowhere = np.zeros(3)
+        obstacle, nowhere = self.obstacle, np.zeros_like(centre)
+        before = obstacle.offset(self.weights @ (self._rest + self._sweep.u[self.nodes]), self._sweep.centre)
+        after = obstacle.offset(self.weights @ (self._rest + u[self.nodes]), centre)
         gap, last = obstacle.gap(after, nowhere)
         gap_before, _ = obstacle.gap(before, nowhere)
         middle = obstacle.gap((before + after) / 2, nowhere)[1]
@@ -66,24 +65,26 @@ class _SweptZone(Zone):
 
 def bear(contact: Contact, u: Floats, velocity: Floats, *, pressure: Floats, centre: Floats, towards: Floats,
          mobile: Floats, h: float) -> tuple[Floats, Floats]:
-    """Velocities (N, 3) [m/s] after the plastic impact of the points that bear, and the force (3,) [N] on the body that this adds.
+    """Velocities (N, 3) [m/s] after the plastic impact of the points that bear, and the forces (K, 3) [N] on the body that this adds,
+    one of each obstacle.
 
     Args:
         u: displacements (N, 3) at the end of the step; velocity: (N, 3) there, before the impact
         pressure: (Q,) contact forces of the step [N]; h: its length [s]
-        centre: (3,) of the obstacle; towards: (3,) its velocity [m/s]
+        centre: (3,) of the obstacle; towards: (3,) its velocity [m/s]; of several (K, 3)
         mobile: (N, 3) inverse masses of the nodes [1/kg], zero for held components
     """
     bearing = np.flatnonzero(pressure > 0)
     rows = contact.surface.weights[bearing]
     nodes = np.unique(rows.indices)
     weights = rows[:, nodes].toarray()  # (q, n)
-    normal = contact.obstacle.gap(weights @ (contact.rest + u)[nodes], centre)[1]
+    obstacle = contact.obstacle.among(bearing)
+    normal = obstacle.gap(weights @ (contact.rest + u)[nodes], centre)[1]
     gradient = (weights[:, :, None] * normal[:, None, :]).reshape(len(bearing), -1)  # (q, 3 n)
     inverse, push = mobile[nodes].ravel(), h * pressure[bearing]
     matrix = gradient * inverse @ gradient.T + np.diag(2 / h**2 * contact.softness[bearing])
     loose = velocity[nodes].ravel() - inverse * (gradient.T @ push)
-    impulse = solve_complementarity(matrix, gradient @ loose - normal @ towards, np.ones(len(bearing), bool))  # [N s]
+    impulse = solve_complementarity(matrix, gradient @ loose - obstacle.along(normal, towards), np.ones(len(bearing), bool))  # [N s]
     after = velocity.copy()
     after[nodes] = (loose + inverse * (gradient.T @ impulse)).reshape(-1, 3)
-    return after, (impulse - push) @ normal / h
+    return after, obstacle.sums(impulse - push, normal) / h

@@ -57,11 +57,8 @@ def fair_duration(scene: Scene, period: float) -> float:
 
 
 def legs(scene: Scene) -> float:
-    """How many of the shortest straight part, of the obstacle's path or of a table, the whole loading has room for; at least 1."""
+    """How many of the shortest straight part, of an obstacle's path or of a table, the whole loading has room for; at least 1."""
     tables = [load.steps for load in scene.load if load.steps] + [support.steps for support in scene.support if support.steps]
-    equal = 1
-    if scene.obstacle is not None and scene.obstacle.steps is not None:
-        tables.append(scene.obstacle.steps)
-    elif scene.obstacle is not None:
-        equal = max(1, len(scene.obstacle.path) - 1)
-    return max([equal, *(1 / min(b - a for a, b in pairwise(steps)) for steps in tables)])
+    tables += [obstacle.steps for obstacle in scene.obstacles if obstacle.steps]
+    equal = [len(obstacle.path) - 1 for obstacle in scene.obstacles if not obstacle.steps]
+    return max([1, *equal, *(1 / min(b - a for a, b in pairwise(steps)) for steps in tables)])

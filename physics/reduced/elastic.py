@@ -47,8 +47,8 @@ class Elastic:
         gradient, weight = chosen.gradients.swapaxes(0, 1), chosen.volumes.T  # (C, g, n, 3), (C, g)
         self.weights, self.per_cell = weight.ravel(), weight.shape[1]
         self.lame = np.tile((chosen.parts * lame(replace(material, young_modulus=1.0))).T, cells)
-        columns = np.broadcast_to(mesh.cells[:, None, None, :], (cells, self.per_cell, 3, n)).ravel()
-        entries = np.ascontiguousarray(gradient.transpose(0, 1, 3, 2)).ravel()
+        columns = np.broadcast_to(mesh.cells[:, None, :], (3, cells, self.per_cell, n)).ravel()
+        entries = gradient.transpose(3, 0, 1, 2).ravel()
         self._gradient = sparse.csr_matrix((entries, columns, np.arange(0, len(entries) + 1, n)), shape=(3 * len(self.weights), nodes))
         self._divergence = self._gradient.T.tocsr()
         node = np.repeat(mesh.cells, self.per_cell, axis=0).reshape(-1)  # each point's nodes
@@ -58,7 +58,7 @@ class Elastic:
         self._free = np.flatnonzero(~self.held)
         self._factor = splu(self.stiffness[self._free][:, self._free].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                             options={"SymmetricMode": True})
-        self._known, self._columns = np.zeros(0, np.int64), np.zeros((self.size, 0))  # nodes, and their columns of K^-1
+        self._known, self._columns = np.zeros(0, np.int64), np.zeros((0, self.size))  # nodes, and their columns of K^-1, as rows
 
     def _assemble(self, cells: NDArray[np.int64], gradient: Floats) -> sparse.csc_matrix:
         count, points, n, _ = gradient.shape
@@ -81,12 +81,13 @@ class Elastic:
 
     def gradient(self, u: Floats) -> Floats:
         """H (Q, 3, 3) of displacements (M,): H_ij = du_i/dX_j."""
-        return (self._gradient @ u.reshape(-1, 3)).reshape(-1, 3, 3).transpose(0, 2, 1)
+        found = np.array([self._gradient @ component for component in u.reshape(-1, 3).T])
+        return found.reshape(3, 3, -1).transpose(2, 0, 1)  # one component after another in memory, which is faster
 
     def force(self, stress: Floats) -> Floats:
         """(M,) nodal forces of a first Piola-Kirchhoff stress (Q, 3, 3), zero on held components."""
-        weighted = (stress * self.weights[:, None, None]).transpose(0, 2, 1).reshape(-1, 3)
-        force = (self._divergence @ weighted).ravel()
+        weighted = (stress.transpose(1, 2, 0) * self.weights).reshape(3, -1)
+        force = np.stack([self._divergence @ row for row in weighted], axis=1).ravel()
         force[self.held] = 0.0
         return force
 
@@ -94,7 +95,7 @@ class Elastic:
         """lambda tr(E) I + 2 mu E for strains (Q, 3, 3)."""
         lmbda, mu = self.lame
         stress = 2 * mu[:, None, None] * strain
-        trace = lmbda * np.trace(strain, axis1=1, axis2=2)
+        trace = lmbda * np.einsum("qii->q", strain)
         for i in range(3):
             stress[:, i, i] += trace
         return stress
@@ -103,17 +104,17 @@ class Elastic:
         """f(u) (M,) of displacements (M,), by the body's own law; not finite where a cell is inside out."""
         return self.force(stress(self._law, self.gradient(u), *self.lame))
 
-    def compliance(self, rows: NDArray[np.int64], nodes: NDArray[np.int64]) -> Floats:
-        """Some rows of K^-1, three columns for each of some nodes; columns once solved for are kept."""
+    def columns(self, nodes: NDArray[np.int64]) -> Floats:
+        """Columns of K^-1, three for each of n nodes, as rows (3 n, M); what was once solved for is kept."""
         new = np.setdiff1d(nodes, self._known)
         if len(new):
             forces = np.zeros((self.size, 3 * len(new)))
             forces[components(new), np.arange(3 * len(new))] = 1.0
             forces[self.held] = 0.0
             self._known = np.concatenate([self._known, new])
-            self._columns = np.concatenate([self._columns, self.solve(forces)], axis=1)
+            self._columns = np.concatenate([self._columns, self.solve(forces).T])
         order = np.argsort(self._known)
-        found: Floats = self._columns[np.ix_(rows, components(order[np.searchsorted(self._known, nodes, sorter=order)]))]
+        found: Floats = self._columns[components(order[np.searchsorted(self._known, nodes, sorter=order)])]
         return found
 
     def answer(self, u: Floats, force: Floats) -> Floats:
@@ -125,19 +126,20 @@ class Elastic:
     def _rotations(self, u: Floats) -> Floats:
         """R (N, 3, 3) of the nodes, as far as strains are small: from the mean of H around them, whose skew part is sin(angle)
         times the axis."""
-        skew = (self._around @ (self._gradient @ u.reshape(-1, 3)).reshape(-1, 9)).reshape(-1, 3, 3)  # (N, ..): H^T
-        skew = (skew.transpose(0, 2, 1) - skew) / 2
+        h = (self._around @ self.gradient(u).reshape(-1, 9)).reshape(-1, 3, 3)
+        skew = (h - h.transpose(0, 2, 1)) / 2
         square = skew @ skew
         cosine = np.sqrt(np.maximum(1 + np.trace(square, axis1=1, axis2=2) / 2, 0.0))
         return np.eye(3) + skew + square / (1 + cosine)[:, None, None]
 
     def second(self, a: Floats, b: Floats) -> Floats:
         """(M,) the part of second order of f by Saint Venant-Kirchhoff's law, as a symmetric bilinear form of two H (Q, 3, 3)."""
-        return self.force((self.hooke(_square(a, b)) + a @ self.hooke(symmetric(b)) + b @ self.hooke(symmetric(a))) / 2)
+        return self.force((self.hooke(_square(a, b)) + _product(a, self.hooke(symmetric(b))) + _product(b, self.hooke(symmetric(a)))) / 2)
 
     def third(self, a: Floats, b: Floats, c: Floats) -> Floats:
         """(M,) the part of third order, as a symmetric form of three H (Q, 3, 3)."""
-        return self.force((a @ self.hooke(_square(b, c)) + b @ self.hooke(_square(a, c)) + c @ self.hooke(_square(a, b))) / 6)
+        return self.force((_product(a, self.hooke(_square(b, c))) + _product(b, self.hooke(_square(a, c)))
+                           + _product(c, self.hooke(_square(a, b)))) / 6)
 
 
 def components(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -151,4 +153,9 @@ def symmetric(h: Floats) -> Floats:
 
 
 def _square(a: Floats, b: Floats) -> Floats:
-    return symmetric(a.transpose(0, 2, 1) @ b)
+    return symmetric(_product(a.transpose(0, 2, 1), b))
+
+
+def _product(a: Floats, b: Floats) -> Floats:
+    """a b of (Q, 3, 3), summed component by component."""
+    return np.asarray(a[:, :, 0, None] * b[:, None, 0] + a[:, :, 1, None] * b[:, None, 1] + a[:, :, 2, None] * b[:, None, 2], float)

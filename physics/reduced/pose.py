@@ -27,17 +27,17 @@ from physics.reduced.space import Reduced
 Floats = NDArray[np.float64]
 ITERATIONS = 40
 LOOSE = 1e-3  # cell sizes: a last step that may be left over where points of contact go in circles
-HALVINGS = 6
+HALVINGS = 4
 FRESH = 0.02  # cell sizes: after a larger step second derivatives are computed anew
 SAMPLE = 50  # components of which one is looked at for convergence
 REACH = 1.5  # cell sizes: points with a smaller gap are looked at
 NEAR = 0.5  # cell sizes: points with a smaller gap take part in contact
 SOFTEST = 1e-6  # smallest curvature of the energy over the largest
-TOLERANCE = 1e-6  # of the largest extent: displacement in Newton's last step
+TOLERANCE = 1e-5  # of the largest extent: displacement in Newton's last step
 
 
 @dataclass(frozen=True)
-class Pressed:
+class PoseState:
     """The body as it is pressed: centre (3,) of the obstacle; q (r,) in the small space; local (N, 3) what that cannot do [m];
     pressure (A,) and push (M,) contact forces."""
 
@@ -61,16 +61,16 @@ class Press:
         """The same in another space."""
         return Press(self.mesh, self.size, self.surface, self.obstacle, self.elastic, model)
 
-    def rest(self, centre: Floats) -> Pressed:
+    def rest(self, centre: Floats) -> PoseState:
         """Nothing moved and nothing pressed, the obstacle at a place."""
         size, surface = self.elastic.size, len(self.surface.area)
-        return Pressed(centre, np.zeros(self.model.space.shape[1]), np.zeros((size // 3, 3)), np.zeros(surface), np.zeros(size))
+        return PoseState(centre, np.zeros(self.model.space.shape[1]), np.zeros((size // 3, 3)), np.zeros(surface), np.zeros(size))
 
-    def displacement(self, state: Pressed) -> Floats:
+    def displacement(self, state: PoseState) -> Floats:
         """(N, 3) [m]"""
         return (self.model.space @ state.q).reshape(-1, 3) + state.local
 
-    def advance(self, centre: Floats, state: Pressed, c: Floats, depth: int = 0) -> Pressed:
+    def advance(self, centre: Floats, state: PoseState, c: Floats, depth: int = 0) -> PoseState:
         """The state at a pose, from one at another pose: in one go, or in two halves where that does not lead there.
 
         Where 2^-HALVINGS of the way is still too far, the body stays as it is: the forces left over tell how bad the estimate is.
@@ -83,7 +83,7 @@ class Press:
         state = self.advance(state.centre + way / 2, state, c, depth + 1)
         return self.advance(centre, state, c, depth + 1)
 
-    def newton(self, centre: Floats, state: Pressed, c: Floats) -> Pressed | None:
+    def newton(self, centre: Floats, state: PoseState, c: Floats) -> PoseState | None:
         """The state at a pose from one nearby; None where Newton's method does not find it."""
         space, rest = self.model.space, self.mesh.points
         gap, _ = self.obstacle.gap(self.surface.weights @ (rest + self.displacement(state)), centre)
@@ -98,16 +98,17 @@ class Press:
         weights, softness = rows[:, nodes].toarray(), self._softness[zone]
         zone_space, zone_rest = space[component], rest[nodes]
         q, local, pressure = state.q, state.local[nodes], state.pressure[zone]
-        hessian = self.model.hessian(q)
+        hessian, held = self.model.hessian(q), np.zeros(0, np.int64)
         for _ in range(ITERATIONS):
             moved = zone_rest + (zone_space @ q).reshape(-1, 3)
             turn = _rotation(zone_rest, moved)
             gap, normal = self.obstacle.gap(weights @ (moved + local), centre)
             near = np.flatnonzero((gap < max(NEAR * self.size, 1.001 * gap.min())) | (pressure > 0))
             w, n = weights[near], normal[near]
-            held = np.flatnonzero(w.any(axis=0))  # nodes behind the near points
-            pushable = components(nodes[held])
-            answers = self.elastic.compliance(component, nodes[held]) - zone_space @ space[pushable].T  # (3 k, 3 h)
+            if not np.array_equal(behind := np.flatnonzero(w.any(axis=0)), held):  # nodes behind the near points
+                held, pushable = behind, components(nodes[behind])
+                columns = self.elastic.columns(nodes[held])  # (3 h, M)
+                answers = columns[:, component].T - zone_space @ space[pushable].T  # (3 k, 3 h)
             along = (w[:, :, None] * n[:, None, :]).reshape(len(near), -1)  # (a, 3 k) gap by displacement
             pushed = (w[:, held, None] * (n @ turn)[:, None, :]).reshape(len(near), -1)  # (a, 3 h)
             in_space = along @ zone_space  # (a, r)
@@ -136,11 +137,11 @@ class Press:
         else:
             if change > LOOSE * self.size:
                 return None
-        whole, push, turned_push = np.zeros_like(state.pressure), np.zeros(len(space)), np.zeros(len(space))
-        whole[zone], push[component], turned_push[pushable] = pressure, along.T @ p, force
-        push[self.elastic.held] = turned_push[self.elastic.held] = 0.0
-        local = self.elastic.solve(turned_push) - space @ (space.T @ turned_push)
-        return Pressed(centre, q, local.reshape(-1, 3) @ turn.T, whole, push)
+        whole, push = np.zeros_like(state.pressure), np.zeros(len(space))
+        whole[zone], push[component] = pressure, along.T @ p
+        push[self.elastic.held] = 0.0
+        local = force @ columns - space @ (force @ space[pushable])
+        return PoseState(centre, q, local.reshape(-1, 3) @ turn.T, whole, push)
 
 
 def _factor(hessian: Floats) -> tuple[Floats, bool]:

@@ -1,15 +1,16 @@
 """Quasi-static states along an obstacle's path: what finite elements would find, about; for a network to correct.
 
-How a body moves in a small space and yields locally at one pose stands in pose.py. The path is followed through a few dozen poses,
-closer where contact begins, and what lies between two of them is interpolated. c = Phi^T f(u) - dW/dq, what the body's own law
-has beyond the polynomial W, is taken from the poses before and put right at each. Before, it is followed through few of the
-poses: the answers of the rest stiffness, turned with the body, to the forces that are left over there join the space.
+How a body moves in a small space and yields locally at one pose stands in pose.py. The path is followed through a few poses, closer
+where contact begins. Between two of them another is solved, and more where it is not what those around it foretell: where points of
+the surface begin or cease to touch. What lies between the poses is interpolated. c = Phi^T f(u) - dW/dq, what the body's own law has
+beyond the polynomial W, is taken from the poses around and put right at each. Before, the space is enriched: at some poses the
+answers of the rest stiffness, turned with the body, to the forces that are left over join it.
 Legend: N body nodes, M = 3 N, T frames.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -21,19 +22,20 @@ from physics.contact.conditions import ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
 from physics.reduced.elastic import Elastic
-from physics.reduced.pose import Press, Pressed
+from physics.reduced.pose import PoseState, Press
 from physics.reduced.space import Reduced, derivatives
 from physics.scene import Scene
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
-POSES, GRADED = 48, 1.6  # poses along a part of the path, the k-th of n at (k / n)^GRADED of it
-SPARSE = 6  # every so many of the poses are these few
-STRIDE = 0.2  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
+POSES, GRADED = 6, 1.6  # first poses along a part of the path, the k-th of n at (k / n)^GRADED of it
+STRIDE = 0.5  # cell sizes: the farthest that two poses lie apart; further, and the body may slide off sideways unseen
 STRAIGHT = 0.99  # cosine of the angle between two steps from which on the path has no corner
 ENRICHING = (0.35, 0.7, 1.0)  # where on the touching part of the path the space is enriched
-ENRICHMENTS = 2  # rounds of it at most, through a few of the poses
+ENRICHMENTS = 2  # rounds of it at most
 ENOUGH = 1e-2  # cell sizes: when the answers are smaller, one round is enough
+HALVINGS = 3  # between two of the first poses at most
+CLOSE = 1.5e-4  # cell sizes: how far a pose may lie, in the root mean square, from what those around it foretell
 ROUNDS = 3  # solutions at a pose at most
 EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
 
@@ -42,7 +44,7 @@ EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone
 class Solved:
     """A state at one pose; beyond (r,): c there; answer (N, 3) [m] of the rest stiffness to the forces that the state leaves over."""
 
-    state: Pressed
+    state: PoseState
     beyond: Floats
     answer: Floats
 
@@ -50,18 +52,22 @@ class Solved:
 class Estimator:
     """Estimates for one body and its obstacle, at any pose of a path."""
 
-    def __init__(self, scene: Scene, mesh: Mesh, held: NDArray[np.bool_], centres: Floats) -> None:
-        """Args: held (N,) nodes; centres (T, 3) [m] of the obstacle in each frame.
+    def __init__(self, scene: Scene, mesh: Mesh, held: NDArray[np.bool_], centres: Floats, *, rough: bool = False) -> None:
+        """Args: held (N,) nodes; centres (T, 3) [m] of the obstacle in each frame; rough: the first poses alone, in the space as it is.
 
         Raises `InputError` for a scene that is not a body held at whole nodes and pressed by a rigid obstacle alone.
         """
         moved = [support for support in scene.support if any(support.displacement) or set(support.fixed) != set("xyz")]
-        if scene.obstacle is None or scene.load or moved or scene.steps.dynamic:
+        if len(scene.obstacles) > 1 or len(scene.materials) > 1:
+            raise InputError("the reduced-order model knows one obstacle and one material; a network that does not correct it, trained "
+                             "with estimate = false, takes scenes of several")
+        if not scene.obstacles or scene.load or moved or scene.steps.dynamic:
             raise InputError("the reduced-order model knows clamped bodies pressed by an obstacle alone: no loads, sliding or moving "
                              "supports, or inertia; a network that does not correct it, trained with estimate = false, takes such scenes")
-        self.mesh, self.obstacle = mesh, Rigid(scene.obstacle)
+        (obstacle,), (material,) = scene.obstacles, scene.materials
+        self.mesh, self.obstacle = mesh, Rigid(obstacle)
         self.size = cell_size(mesh)
-        self.surface = ContactSurface(mesh, scene.obstacle.contact, held)
+        self.surface = ContactSurface(mesh, obstacle.contact, held)
         self.centres = centres
         self._way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))])  # (T,) [m] along the path
         rest = self.surface.positions(mesh.points)
@@ -71,9 +77,9 @@ class Estimator:
         self._parts: list[Akima1DInterpolator | PchipInterpolator] = []  # of what `frames` gives, by the way
         self._known: dict[int, Floats] = {}  # what it gives at the poses themselves
         if self.overlaps.any():
-            self._prepare(Elastic(mesh, held, scene.material, scene.body.element), rest, -clearance.min())
+            self._prepare(Elastic(mesh, held, material, scene.body.element), rest, -clearance.min(), rough)
 
-    def _prepare(self, elastic: Elastic, rest: Floats, depth: float) -> None:
+    def _prepare(self, elastic: Elastic, rest: Floats, depth: float, rough: bool) -> None:
         first = int(self.overlaps.argmax())
         gap, normal = self.obstacle.gap(rest, self.centres[first])
         loads = _loads(self.surface, rest, rest[gap.argmin()], normal[gap.argmin()], self.size, self.mesh)
@@ -86,27 +92,30 @@ class Estimator:
         ahead = np.linalg.norm(self.centres[poses] - self.centres[poses[0]], axis=1)
         ahead = ahead[:ahead.argmax() + 1]  # the way there, not back
         enriching = poses[np.unique([abs(ahead - share * ahead[-1]).argmin() for share in ENRICHING])]
-        few = np.union1d(poses[::SPARSE], enriching)
-        for enriched in range(ENRICHMENTS):
-            found = self._follow(press, few)
+        frames, rounds, halvings = (poses, 0, 0) if rough else (enriching, ENRICHMENTS, HALVINGS)
+        for enriched in range(rounds + 1):
+            found = self._follow(press, frames)
             left = [found[frame].answer.ravel() for frame in enriching.tolist()]
-            if enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size:
+            if enriched == rounds or (enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size):
                 break
-            press = press.within(Reduced(elastic, [*press.model.space.T, *left]))
-        found = self._follow(press, poses)
+            press, frames = press.within(Reduced(elastic, [*press.model.space.T, *left])), poses
+        for part in parts:
+            for one, other in pairwise(part.tolist()):
+                self._refine(press, one, other, part, found, halvings)
         self._known = {frame: np.array([press.displacement(one.state), one.answer]) for frame, one in found.items()}
         for part in parts:
+            part = np.array([frame for frame in sorted(found) if part[0] <= frame <= part[-1]])
             smooth = Akima1DInterpolator if len(part) > 2 else PchipInterpolator  # two poses have a straight line between them
             self._parts.append(smooth(self._way[part], np.array([self._known[frame] for frame in part.tolist()])))
 
     def _pieces(self, start: int) -> list[NDArray[np.int64]]:
-        """Frames of the poses after one, for each part of the path: between its corners, and where overlap begins or ends."""
+        """Frames of the first poses after one, for each part of the path: between its corners, and where overlap begins or ends."""
         steps = np.diff(self.centres, axis=0)
         moving = np.flatnonzero(steps.any(axis=1))
         ways = steps[moving] / np.linalg.norm(steps[moving], axis=1, keepdims=True)
         corners = moving[1:][(ways[1:] * ways[:-1]).sum(axis=1) < STRAIGHT]
         changes = np.flatnonzero(np.diff(self.overlaps))
-        ends = np.unique([start, *corners, *changes + self.overlaps[changes], len(steps)])
+        ends = np.unique([start, *corners, *changes, *changes + 1, len(steps)])
         parts = (self._poses(one, other) for one, other in pairwise(ends[ends >= start].tolist()))
         return [part for part in parts if len(part) > 1]
 
@@ -117,6 +126,27 @@ class Estimator:
         share = np.linspace(0, 1, count + 1) ** GRADED
         return start + np.unique(np.searchsorted(way, way[-1] * (share if self.overlaps[end] else 1 - share[::-1])))
 
+    def _refine(self, press: Press, one: int, other: int, part: NDArray[np.int64], found: dict[int, Solved],
+                halvings: int) -> None:
+        """Solve a pose between two of a part, and more where it is not what those around it foretell."""
+        middle = one + int(np.searchsorted(self._way[one:other + 1], (self._way[one] + self._way[other]) / 2))
+        if not halvings or not one < middle < other:
+            return
+        guess = self._foretold([frame for frame in sorted(found) if part[0] <= frame <= part[-1]], found, middle)
+        found[middle] = self._solved(press, self.centres[middle], guess, found[one])
+        off = press.displacement(guess.state) - press.displacement(found[middle].state)
+        if np.sqrt((off**2).sum(axis=1).mean()) > CLOSE * self.size:
+            self._refine(press, one, middle, part, found, halvings - 1)
+            self._refine(press, middle, other, part, found, halvings - 1)
+
+    def _foretold(self, known: list[int], found: dict[int, Solved], frame: int) -> Solved:
+        """What the polynomial through the nearest of some poses gives for another."""
+        at = int(np.searchsorted(known, frame))
+        near = known[max(0, min(at - 2, len(known) - 4)):][:4]
+        x, ways = self._way[frame], self._way[near]
+        shares = [float(np.prod([(x - b) / (a - b) for b in ways if b != a])) for a in ways]
+        return _sum(shares, [found[other] for other in near])
+
     def _follow(self, press: Press, frames: NDArray[np.int64]) -> dict[int, Solved]:
         """Solve poses in order, each from the last two."""
         start = max(int(self.overlaps.argmax()) - 1, 0)
@@ -126,20 +156,18 @@ class Estimator:
         for frame in frames.tolist():
             centre = self.centres[frame]
             if self.overlaps[frame] or last.state.pressure.any():
-                last, before = self._solved(press, centre, last, before), last
+                step = last.state.centre - before.state.centre
+                share = float((centre - last.state.centre) @ step / (step @ step)) if step.any() else 0.0
+                last, before = self._solved(press, centre, _sum([1 + share, -share], [last, before]), last), last
             if not last.state.pressure.any() and not self.overlaps[frame]:  # nothing holds the body away from rest
                 last = before = replace(rest, state=replace(rest.state, centre=centre))
             found[frame] = last
         return found
 
-    def _solved(self, press: Press, centre: Floats, last: Solved, before: Solved) -> Solved:
-        """A pose, from the last two."""
-        step = last.state.centre - before.state.centre
-        share = float((centre - last.state.centre) @ step / (step @ step)) if step.any() else 0.0
-        guess = replace(last.state, q=last.state.q + share * (last.state.q - before.state.q),
-                        local=last.state.local + share * (last.state.local - before.state.local))
-        c, answer = last.beyond + share * (last.beyond - before.beyond), np.zeros_like(self.mesh.points)
-        state = press.newton(centre, guess, c) or press.advance(centre, last.state, c)
+    def _solved(self, press: Press, centre: Floats, guess: Solved, near: Solved) -> Solved:
+        """A pose, from a guess or, where that does not lead there, from another pose."""
+        c, answer = guess.beyond, np.zeros_like(self.mesh.points)
+        state = press.newton(centre, guess.state, c) or press.advance(centre, near.state, c)
         for left in reversed(range(ROUNDS)):
             u = press.displacement(state).ravel()
             force = press.elastic.internal(u)
@@ -148,7 +176,7 @@ class Estimator:
             known, c = c, press.model.space.T @ force - press.model.slope(state.q)
             if not left or abs(press.model.space @ (c - known)).max() < EXACT * min(self.size, abs(u).max()):
                 break
-            state = press.advance(centre, state, c)
+            state = press.newton(centre, state, c) or state
         return Solved(state, c, press.elastic.answer(u, state.push - force).reshape(-1, 3))
 
     def frames(self, frames: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -164,6 +192,17 @@ class Estimator:
             elif number >= 0:
                 found[:, row] = self._parts[number](min(way, self._parts[number].x[-1]))
         return found[0], found[1]
+
+
+def _sum(shares: list[float], solved: list[Solved]) -> Solved:
+    """The sum of some poses, each times a share; the obstacle is where it is in the first, and nothing pulls."""
+    def added(values: Iterable[Floats]) -> Floats:
+        return np.asarray(sum(share * value for share, value in zip(shares, values, strict=True)))
+
+    states = [one.state for one in solved]
+    state = replace(states[0], q=added(one.q for one in states), local=added(one.local for one in states),
+                    pressure=np.maximum(added(one.pressure for one in states), 0))
+    return Solved(state, added(one.beyond for one in solved), solved[0].answer)
 
 
 def _loads(surface: ContactSurface, rest: Floats, centre: Floats, normal: Floats, size: float, mesh: Mesh) -> Floats:

@@ -1,8 +1,9 @@
-"""What is simulated: a body, its material, its supports and loads, a rigid obstacle, and the steps.
+"""What is simulated: a body, its materials, its supports and loads, rigid obstacles, and the steps.
 
     parts   the dataclasses of these, with unit and bounds of every key
     rules   which keys the shapes of bodies and obstacles need, take and refuse
-    tables  how loads, supports and the obstacle go along the steps, in the scene or in a CSV file
+    plane   what may not act across a plane body
+    tables  how loads, supports and obstacles go along the steps, in the scene or in a CSV file
     change  single values changed from outside
     scene   all of it together: read from TOML, checked, written back
 
@@ -10,8 +11,8 @@ A scene is a TOML file, read into frozen dataclasses. Coordinates are Cartesian 
 state. Step s = 0 .. count is a fraction s/count of the loading; it is a time only in dynamic scenes.
 """
 
-from physics.scene.parts import PLACES, PLANE_CELLS, Body, Load, Material, Obstacle, Orthotropic, Steps, Support, Where
+from physics.scene.parts import PLACES, PLANE_CELLS, Body, Load, Material, Materials, Obstacle, Orthotropic, Steps, Support, Where
 from physics.scene.scene import Scene, load_body, load_scene, read_body, read_scene
 
-__all__ = ["PLACES", "PLANE_CELLS", "Body", "Load", "Material", "Obstacle", "Orthotropic", "Scene", "Steps", "Support", "Where",
-           "load_body", "load_scene", "read_body", "read_scene"]
+__all__ = ["PLACES", "PLANE_CELLS", "Body", "Load", "Material", "Materials", "Obstacle", "Orthotropic", "Scene", "Steps", "Support",
+           "Where", "load_body", "load_scene", "read_body", "read_scene"]

@@ -1,4 +1,4 @@
-"""What a scene is made of: body, material, supports, loads, a rigid obstacle, and steps; frozen, with unit and bounds of every key."""
+"""What a scene is made of: body, materials, supports, loads, rigid obstacles, and steps; frozen, with unit and bounds of every key."""
 
 from __future__ import annotations
 
@@ -112,7 +112,9 @@ class Orthotropic:
 class Material:
     """A homogeneous material, isotropic unless `orthotropic`; the laws are written down in body/material.py.
 
-    An orthotropic one is given in place of young_modulus and poisson_ratio, which then are its first modulus and 0.
+    An orthotropic one is given in place of young_modulus and poisson_ratio, which then are its first modulus and 0. Where a body has
+    several, `where` says of which cells each one is: a region of a file, or a place by coordinates, which has the cells whose centres
+    lie there; the one without is that of all other cells.
     """
 
     law: str = quantity("neo-hookean", choice=("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"))
@@ -120,13 +122,14 @@ class Material:
     poisson_ratio: float = quantity(above=-1, below=0.5)
     density: float = quantity(1000.0, unit="kg/m3", above=0, at_least=1e-12, at_most=1e12)
     orthotropic: Orthotropic | None = None
+    where: str | Where | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Where:
     """A place by coordinates: the nodes within a distance of a point or of a plane, or in a box between two corners.
 
-    As a face it is made of the outer facets whose corners all lie there.
+    As a face it is made of the outer facets whose corners all lie there, as a region of the cells whose centres do.
     """
 
     near: Vector | None = quantity(None, unit="m")
@@ -141,6 +144,9 @@ class Where:
 
     def __repr__(self) -> str:
         return str(self)
+
+
+Materials = Material | tuple[Material, ...]  # of a body: one, or several by region
 
 
 def _plain(value: object) -> str:

@@ -1,4 +1,4 @@
-"""The rules that bind several keys of a body or an obstacle: what a shape needs, takes and refuses, and what is left out."""
+"""The rules that bind several keys of a body, its materials or an obstacle: what a shape needs, takes and refuses, and what is left out."""
 
 from __future__ import annotations
 
@@ -35,19 +35,43 @@ def keys_of(body: Body) -> list[str]:
 
 
 def orthotropic(table: dict[str, Any]) -> dict[str, Any]:
-    """The table of a scene in which an orthotropic material has the keys that every material has."""
-    material = table.get("material")
+    """The table of a scene in which orthotropic materials have the keys that every material has."""
+    given = table.get("material")
+    if isinstance(given, list):
+        return table | {"material": [_with_moduli(each, f"material[{i}]") for i, each in enumerate(given)]}
+    return table | {"material": _with_moduli(given, "material")} if "material" in table else table
+
+
+def _with_moduli(material: Any, key: str) -> Any:
     if not (isinstance(material, dict) and isinstance(material.get("orthotropic"), dict)):
-        return table
+        return material
     moduli = material["orthotropic"].get("young_moduli")
     first = {"young_modulus": moduli[0] if isinstance(moduli, list) and moduli else 1.0, "poisson_ratio": 0.0}
-    for key, value in first.items():
-        if material.get(key, value) != value:
-            raise InputError(f"material.{key}: an orthotropic material has its own; leave it out")
-    return table | {"material": material | first}
+    for name, value in first.items():
+        if material.get(name, value) != value:
+            raise InputError(f"{key}.{name}: an orthotropic material has its own; leave it out")
+    return material | first
 
 
-def check_material(material: Material) -> None:
+def check_materials(materials: tuple[Material, ...], body: Body) -> None:
+    """What each of the materials of a body needs, and what goes with what."""
+    for i, material in enumerate(materials):
+        key = "material" if len(materials) == 1 else f"material[{i}]"
+        _check_orthotropic(material, key)
+        if len(materials) == 1 and material.where is not None:
+            raise InputError("material.where: a single material is that of the whole body; leave it out")
+        if isinstance(material.where, str) and body.shape != "file":
+            raise InputError(f"{key}.where = {material.where!r}: a {body.shape} has no regions with names; give a place by coordinates: "
+                             "near, plane or box")
+        check_place(body, material.where, f"{key}.where")
+    rest = [i for i, material in enumerate(materials) if material.where is None]
+    if len(rest) > 1:
+        raise InputError(f"material[{rest[1]}].where: missing; material[{rest[0]}] is that of all other cells already")
+    if len({material.law == "linear" for material in materials}) > 1:
+        raise InputError("material: the linear law is that of the whole body or of no part of it, for it knows no turn")
+
+
+def _check_orthotropic(material: Material, key: str) -> None:
     """Orthotropic constants belong to a body that resists every strain."""
     given = material.orthotropic
     if given is None:
@@ -55,7 +79,7 @@ def check_material(material: Material) -> None:
     (x, y, z), (xy, yz, xz) = given.young_moduli, given.poisson_ratios
     yx, zy, zx = xy * y / x, yz * z / y, xz * z / x
     if not (min(1 - xy * yx, 1 - yz * zy, 1 - xz * zx) > 0 and 1 - xy * yx - yz * zy - xz * zx - 2 * yx * zy * xz > 0):
-        raise InputError(f"material.orthotropic.poisson_ratios = {list(given.poisson_ratios)}: with these moduli some strain would give "
+        raise InputError(f"{key}.orthotropic.poisson_ratios = {list(given.poisson_ratios)}: with these moduli some strain would give "
                          "energy; nu_ij must be below the root of E_i / E_j, and all three together smaller still")
 
 
@@ -170,25 +194,25 @@ def _check_direction(vector: tuple[float, float, float] | None, key: str) -> Non
         raise InputError(f"{key} = {list(vector)}: its length must be from 1e-9 to 1e9; what counts is its direction")
 
 
-def complete(obstacle: Obstacle) -> Obstacle:
+def complete(obstacle: Obstacle, where: str = "obstacle") -> Obstacle:
     """An obstacle with all that its shape needs and nothing else. Raises `InputError`."""
     for key in ("radius", "length", "size", "normal"):
         given = getattr(obstacle, key) is not None
         if key in NEEDS[obstacle.shape] and not given:
-            raise InputError(f"obstacle.{key}: missing; a {obstacle.shape} needs it")
+            raise InputError(f"{where}.{key}: missing; a {obstacle.shape} needs it")
         if given and key not in TAKES[obstacle.shape]:
-            raise InputError(f"obstacle.{key}: a {obstacle.shape} has none")
+            raise InputError(f"{where}.{key}: a {obstacle.shape} has none")
     if obstacle.size is not None:
         smallest = min(obstacle.size)
         radius = smallest / 20 if obstacle.radius is None else obstacle.radius
         if radius > smallest / 2:
-            raise InputError(f"obstacle.radius = {radius!r}: must be at most {smallest / 2:g} m, half the smallest side of the box")
+            raise InputError(f"{where}.radius = {radius!r}: must be at most {smallest / 2:g} m, half the smallest side of the box")
         obstacle = replace(obstacle, radius=radius)
     elif obstacle.radius is not None and obstacle.radius < 1e-9:
-        raise InputError(f"obstacle.radius = {obstacle.radius!r}: must be {'at least 1e-09' if obstacle.radius else 'above 0'} m")
+        raise InputError(f"{where}.radius = {obstacle.radius!r}: must be {'at least 1e-09' if obstacle.radius else 'above 0'} m")
     for key in ("axis", "normal"):
-        _check_direction(getattr(obstacle, key), f"obstacle.{key}")
+        _check_direction(getattr(obstacle, key), f"{where}.{key}")
     if not obstacle.path:
-        raise InputError("obstacle.path must have at least one way-point")
-    check_steps(obstacle.steps, obstacle.path, "obstacle", "path")
+        raise InputError(f"{where}.path must have at least one way-point")
+    check_steps(obstacle.steps, obstacle.path, where, "path")
     return obstacle

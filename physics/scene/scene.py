@@ -14,7 +14,7 @@ from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
 from physics.scene.rules import (
     check_body,
     check_load,
-    check_material,
+    check_materials,
     check_place,
     check_support,
     complete,
@@ -28,15 +28,49 @@ from physics.schema import InputError, nearest, parse_toml, read_table, read_tom
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """One body and what happens to it."""
+    """One body and what happens to it.
+
+    A single material or obstacle, [material] or [obstacle], stands there itself, several, [[material]] or [[obstacle]], as a tuple;
+    `materials` and `obstacles` are tuples always.
+    """
 
     body: Body
-    material: Material
+    material: Material | tuple[Material, ...]
     name: str = "scene"
     support: tuple[Support, ...] = ()
     load: tuple[Load, ...] = ()
-    obstacle: Obstacle | None = None
+    obstacle: Obstacle | tuple[Obstacle, ...] | None = None
     steps: Steps = field(default_factory=Steps)
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """All of them; of several, each is that of its own cells."""
+        return self.material if isinstance(self.material, tuple) else (self.material,)
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """All of them."""
+        return self.obstacle if isinstance(self.obstacle, tuple) else () if self.obstacle is None else (self.obstacle,)
+
+    @property
+    def pressed_by(self) -> str:
+        """The shapes of the obstacles, in words."""
+        return " and ".join(obstacle.shape for obstacle in self.obstacles) or "none"
+
+    @property
+    def linear(self) -> bool:
+        """Whether the law is that of small strain."""
+        return all(material.law == "linear" for material in self.materials)
+
+    @property
+    def stiffest(self) -> float:
+        """The largest Young's modulus of the body [Pa]."""
+        return max(material.young_modulus for material in self.materials)
+
+    def under(self, law: str) -> Scene:
+        """The same under another law."""
+        changed = tuple(replace(material, law=law) for material in self.materials)
+        return replace(self, material=changed if isinstance(self.material, tuple) else changed[0])
 
     def to_toml(self) -> str:
         """The scene as a TOML file that `load_scene` reads back unchanged."""
@@ -99,7 +133,10 @@ def read_scene(table: dict[str, Any]) -> Scene:
     given, table = table.get("body"), orthotropic(table)
     scene = read_table(Scene, table | {"body": with_defaults(given)} if "body" in table else table)
     check_body(scene.body, given or {})
-    check_material(scene.material)
+    scene = replace(scene, material=_one(scene.material), obstacle=_one(scene.obstacle))
+    if not scene.material:
+        raise InputError("material: missing")
+    check_materials(scene.materials, scene.body)
     places = [(f"support[{i}]", support.where) for i, support in enumerate(scene.support)]
     places += [(f"load[{i}]", load.where) for i, load in enumerate(scene.load) if load.where is not None]
     for name, where in places:
@@ -107,11 +144,16 @@ def read_scene(table: dict[str, Any]) -> Scene:
     for i, support in enumerate(scene.support):
         check_support(support, f"support[{i}]")
     for i, load in enumerate(scene.load):
-        check_load(load, f"load[{i}]", dynamic=scene.steps.dynamic, linear=scene.material.law == "linear")
+        check_load(load, f"load[{i}]", dynamic=scene.steps.dynamic, linear=scene.linear)
     if scene.steps.dynamic and scene.steps.duration is None:
         raise InputError("steps.duration: missing; dynamic = true needs it")
     if scene.steps.velocity is not None and not scene.steps.dynamic:
         raise InputError("steps.velocity: needs dynamic = true")
-    if scene.obstacle is not None:
-        scene = replace(scene, obstacle=complete(scene.obstacle))
-    return scene
+    if isinstance(scene.obstacle, tuple):
+        return replace(scene, obstacle=tuple(complete(each, f"obstacle[{i}]") for i, each in enumerate(scene.obstacle)))
+    return scene if scene.obstacle is None else replace(scene, obstacle=complete(scene.obstacle))
+
+
+def _one(parts: Any) -> Any:
+    """The only one of an array of tables, or None of an empty one; else what is given."""
+    return (parts[0] if parts else None) if isinstance(parts, tuple) and len(parts) < 2 else parts

@@ -25,8 +25,11 @@ def with_tables(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     for name in ("load", "support"):
         if isinstance(table.get(name), list):
             found[name] = [_filled(part, folder, f"{name}[{i}]", ("factor",)) for i, part in enumerate(table[name])]
-    if "obstacle" in table:
-        found["obstacle"] = _filled(table["obstacle"], folder, "obstacle", ("x", "y", "z"))
+    obstacle, columns = table.get("obstacle"), ("x", "y", "z")
+    if isinstance(obstacle, list):
+        found["obstacle"] = [_filled(part, folder, f"obstacle[{i}]", columns) for i, part in enumerate(obstacle)]
+    elif obstacle is not None:
+        found["obstacle"] = _filled(obstacle, folder, "obstacle", columns)
     return found
 
 
@@ -61,7 +64,7 @@ def read_rows(path: Path, columns: tuple[str, ...]) -> list[list[float]]:
             row = [float(entry) for entry in line]
         except ValueError:
             if rows or number > 1:
-                raise InputError(f"{path}, line {number}: {', '.join(line)}: numbers are expected") from None
+                raise InputError(f"{path}, line {number}: {', '.join(line)}: numbers are expected, with commas between them") from None
             continue
         if len(row) != 1 + len(columns) or not all(map(math.isfinite, row)):
             raise InputError(f"{path}, line {number}: {len(columns) + 1} finite numbers are expected: step, {', '.join(columns)}")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from physics.body.stress import von_mises
 from physics.mesh.mesh import Mesh
-from physics.scene import Material
+from physics.scene import Materials
 from physics.view.drawing import Floats, ObstacleSurface, eye_for, feature_edges, fit
 from physics.view.lowrank import Shapes, compress
 from physics.view.pictures import ERROR_COLOURS, SIZE_COLOURS, VALUE_COLOURS
@@ -71,7 +71,7 @@ class Exhibit:
         return replace(self, motions={name: motion for name, motion in self.motions.items() if name not in lost})
 
 
-def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Material | None, *, truth: str = "",
+def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Materials | None, *, truth: str = "",
                  obstacle: ObstacleSurface | None = None, first: int = 0, steps: int | None = None,
                  step_seconds: float | None = None) -> Exhibit:
     """Paths (T, N, 3) [m] of one body with their von Mises stress, at most FRAMES of their frames, evenly spread.

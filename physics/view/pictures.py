@@ -30,7 +30,7 @@ def frame_picture(path: str | Path, mesh: Mesh, *, prediction: Floats, truth: Fl
     """
     error = 1e3 * np.linalg.norm(prediction - truth, axis=1)  # (N,) [mm]
     top = float(error.max()) or 1e-9
-    camera = fit([mesh.points + prediction, mesh.points + truth], obstacle)
+    camera = fit([mesh.points + prediction, mesh.points + truth], obstacle, eye_for(mesh))
     size = panel_size(camera, 2)
     left = draw(mesh, prediction, error, (0, top), ERROR_COLOURS, camera, size, obstacle=obstacle, outline=truth)
     right = draw(mesh, truth, np.zeros_like(error), (0, top), ERROR_COLOURS, camera, size, obstacle=obstacle)
@@ -44,7 +44,7 @@ def still_picture(path: str | Path, mesh: Mesh, displacement: Floats, frame: int
     """Write one frame of displacements (T, N, 3) [m] as PNG, coloured by their size; obstacle: with points (T, M, 3)."""
     size = 1e3 * np.linalg.norm(displacement[frame], axis=1)  # (N,) [mm]
     limits, here = (0.0, float(size.max()) or 1e-9), None if obstacle is None else obstacle.at(frame)
-    camera = fit([mesh.points + displacement[frame], mesh.points], here)
+    camera = fit([mesh.points + displacement[frame], mesh.points], here, eye_for(mesh))
     panel = draw(mesh, displacement[frame], size, limits, SIZE_COLOURS, camera, panel_size(camera, 1), obstacle=here)
     page = Page((panel,), ("",), limits, SIZE_COLOURS, "displacement [mm]")
     title = f"step {frame} of {len(displacement) - 1}:  largest displacement {size.max():.3g} mm"
@@ -72,7 +72,7 @@ def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | 
     limits = (0.0, float(colour.max()) or 1e-9)
     cmap, label = (SIZE_COLOURS, "displacement [mm]") if truth is None else (ERROR_COLOURS, "error [mm]")
     ends = None if obstacle is None else ObstacleSurface(obstacle.points.reshape(-1, 3), obstacle.triangles)
-    camera = fit([mesh.points + both.min(axis=0), mesh.points + both.max(axis=0), mesh.points], ends)
+    camera = fit([mesh.points + both.min(axis=0), mesh.points + both.max(axis=0), mesh.points], ends, eye_for(mesh))
     size = panel_size(camera, 1 if truth is None else 2)
     page, pictures = None, []
     for k in chosen:

@@ -108,16 +108,16 @@ def read(path: Path) -> Raw:
             groups_of |= _partitioned(parts)
         labels, points = _nodes_4(nodes, new)
         blocks, tags = _elements_4(elements, groups_of, new)
+    blocks = [block(b.kind, numbered(labels, b.nodes), b.labels, MIDDLES.get(b.kind)) for b in blocks]
     names = _names(data)
     groups: dict[tuple[str, int], list[tuple[int, Integers]]] = {}
     for number, of_block in enumerate(tags):
-        dimension = CELLS[blocks[number].kind].dimension if blocks[number].kind in CELLS else 3
+        dimension = CELLS[blocks[number].kind].dimension
         for tag, rows in of_block.items():
             groups.setdefault((names.get((dimension, tag), str(tag)), dimension), []).append((number, rows))
     for (dimension, _), name in names.items():
         groups.setdefault((name, dimension), [])  # version 2.2 saved whole keeps names and forgets who is in them
-    return Raw(points, [block(b.kind, numbered(labels, b.nodes), b.labels, MIDDLES.get(b.kind)) if b.kind in CELLS else b
-                        for b in blocks], groups, labels=labels)
+    return Raw(points, blocks, groups, labels=labels)
 
 
 def _names(data: bytes) -> dict[tuple[int, int], str]:

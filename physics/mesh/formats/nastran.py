@@ -22,7 +22,7 @@ Integers = NDArray[np.int64]
 CARDS = {"CTETRA": ("tetrahedron", (4, 10)), "CPENTA": ("prism", (6, 15)), "CHEXA": ("hexahedron", (8, 20)), "CTRIA3": ("triangle", (3,)),
          "CTRIAR": ("triangle", (3,)), "CTRIA6": ("triangle", (3, 6)), "CQUAD4": ("quadrilateral", (4,)), "CQUADR": ("quadrilateral", (4,)),
          "CSHEAR": ("quadrilateral", (4,)), "CQUAD8": ("quadrilateral", (4, 8)), "CBAR": ("line", (2,)), "CBEAM": ("line", (2,)),
-         "CROD": ("line", (2,)), "CPYRAM": ("pyramid", (5, 13)), "CPYRA": ("pyramid", (5, 13))}
+         "CROD": ("line", (2,)), "CPYRAM": ("pyramid", (5,)), "CPYRA": ("pyramid", (5,))}
 _EDGES = CELLS["hexahedron"].edges
 MIDDLES: dict[str, Corners] = VTK_MIDDLES | {"hexahedron": (*_EDGES[:4], *_EDGES[8:], *_EDGES[4:8])}  # bottom, upright, top
 
@@ -75,8 +75,7 @@ def _cards(path: Path) -> Iterator[tuple[str, list[str]]]:
         if line.strip().upper().startswith("ENDDATA"):
             break
         if "," in line:
-            words = [word.strip() for word in line.split(",")]
-            words = [words[0], *words[1:9]] if len(words) > 9 else words
+            words = [word.strip() for word in line.split(",")][:9]
         else:
             line = line.expandtabs(8)
             width = 16 if "*" in line[:8] else 8

@@ -59,9 +59,8 @@ def of_meshio(found: Any) -> Raw:
             name, order = ROW_BY_ROW[name]
             data = np.asarray(data)[:, order]
         known = OF_MESHIO.get(LAGRANGE.get(name) or name.rstrip("0123456789"))
-        if known is None:
-            raise InputError(f"has cells of kind {name!r}; known are {', '.join(OF_MESHIO)}")
-        blocks.append(block(known.name, np.asarray(data, np.int64), label, () if known.name in ROUND and name in LAGRANGE else None))
+        kind = name if known is None else known.name
+        blocks.append(block(kind, np.asarray(data, np.int64), label, () if kind in ROUND and name in LAGRANGE else None))
     groups: dict[tuple[str, int], list[tuple[int, Integers]]] = {}
     names = {(int(tag), int(dim)): name for name, (tag, dim) in _pairs(found.field_data)}
     for key in TAGS:

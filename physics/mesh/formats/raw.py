@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.mesh.cell import CELLS, Corners
+from physics.mesh.cell import CELLS, OF_MESHIO, Corners
+from physics.schema import InputError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -54,11 +55,12 @@ class Raw:
 
 
 def block(kind: str, nodes: Integers, labels: Integers | None = None, middles: Corners | None = None) -> Block:
-    """A block with as many middles as its cells have further nodes; none if the cells have others."""
+    """A block with as many middles as its cells have further nodes; none if the cells have others. Raises `InputError` for other kinds."""
+    if kind not in CELLS:
+        raise InputError(f"has cells of kind {kind!r}; known are {', '.join(OF_MESHIO)}")
     extra = nodes.shape[1] - CELLS[kind].corners
     known = VTK_MIDDLES.get(kind, ()) if middles is None else middles
-    edges = len(CELLS[kind].edges)
-    fits = extra in (edges, len(known)) or (kind == "hexahedron" and extra == edges)
+    fits = extra in (len(CELLS[kind].edges), len(known))
     return Block(kind, nodes, labels, tuple(known[:extra]) if extra and fits else ())
 
 

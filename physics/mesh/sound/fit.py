@@ -87,6 +87,8 @@ def _facets(cells: Integers, kind: str) -> list[tuple[Integers, Integers]]:
 def _reversed(one: Integers, other: Integers) -> NDArray[np.bool_]:
     """(F,) whether two facets of the same corners (F, k) go round them in opposite ways."""
     k = one.shape[1]
+    if k == 2:  # a round of two is its own reverse
+        return (other == one[:, ::-1]).all(axis=1)
     first = (other == one[:, :1]).argmax(axis=1)
     back = np.take_along_axis(other, (first[:, None] - np.arange(k)) % k, axis=1)
     return (back == one).all(axis=1)

@@ -1,0 +1,127 @@
+"""How an obstacle meets a beam, number by number: the module's equations in plain floats, and grooves by searching their law."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from learning.slender.theory import Bar
+from learning.slender.touch import Obstacle, first_touch, groove, groove_law, held, press
+
+BARS = (Bar(0.2, 0.03, 0.02, 0.3, False), Bar(0.2, 0.03, 0.02, 0.3, True))
+X = torch.tensor([0.0, 0.05, 0.14, 0.2], dtype=torch.float64)
+
+
+def one(value):
+    return torch.tensor(value, dtype=torch.float64)
+
+
+@pytest.mark.parametrize("start, end, touched", [(0.036, 0.022, 1 / 7), (0.034, 0.022, 0.0), (0.03, 0.02, 0.0), (0.036, 0.034, 1.0),
+                                                 (0.04, 0.0345, 1.0), (0.035, 0.036, 1.0), (0.036, 0.0335, 0.8)])
+def test_an_obstacle_touches_where_it_has_come_down_by_its_gap(start, end, touched):
+    """Its centre is 10 mm above the face, that 24 mm above the axis, when it does."""
+    found = first_touch(one([0.08, 0.0, start]), one([0.08, 0.0, end]), 0.01, 0.048)
+    assert found.item() == pytest.approx(touched, abs=1e-12)
+
+
+@pytest.mark.parametrize("cells, beside, nodes", [(4, 0.0125, 0.012), (4, 0.0149, 0.012), (4, 0.0151, 0.018), (4, -0.001, 0.0),
+                                                  (5, 0.0005, 0.003), (5, -0.0005, -0.003), (5, 0.0065, 0.009), (5, 0.0059, 0.003)])
+def test_rows_of_nodes_lie_two_rows_apart_about_the_middle_or_beside_it(cells, beside, nodes):
+    """Rows 3 mm apart: nodes of an even number of cells at 0, 6, 12 mm from the middle, of an odd one at 3, 9 mm."""
+    start, end = one([0.0, beside - 0.002, 0.0]), one([0.0, beside + 0.006, 0.0])
+    found = groove(start, end, one(0.25), 0.003, cells)
+    assert [each.item() for each in found] == pytest.approx([beside, nodes], abs=1e-15)
+
+
+def plain(bar, obstacle, centre):
+    """Touch, push, slope, force, indentation of one pose: eight rounds, each half of the way where it says so."""
+    x, _, z = centre
+    arm, length = obstacle.radius + bar.height / 2, bar.length
+    low, high = length / 1000, length * (0.999 if bar.held_at_both else 1.0)
+    second, nu = bar.width * bar.height**3 / 12, bar.poisson_ratio
+
+    def bounded(a):
+        return min(max(a, low), high)
+
+    a, q, indentation = bounded(x), 0.0, 0.0
+    for _ in range(8):
+        w, p = (each.item() for each in bar.bend(one(a), one(a)))
+        push = max(arm * math.cos(q) - z - indentation, 0.0)
+        force = push / w
+        pressed = (1 - nu**2) * force * second  # F (1 - nu^2) / E with E I = 1
+        asked = (0.75 * pressed / math.sqrt(obstacle.radius)) ** (2 / 3) / 2 if obstacle.round else pressed / bar.width
+        indentation = min((indentation + asked) / 2, max(arm - z, 0.0) / 2)
+        q = (q + math.atan(force * p)) / 2
+        a = bounded(x - arm * math.sin(q) + (0.0 if bar.held_at_both else 0.6 * push**2 / a))
+    return a, push, q, force, indentation
+
+
+@pytest.mark.parametrize("bar", BARS, ids=["clamped", "at both ends"])
+@pytest.mark.parametrize("obstacle", [Obstacle(0.01, True, first=0.4, row=0.003), Obstacle(0.015, True, first=-0.2, row=0.001, nodes=0.002),
+                                      Obstacle(0.012, False, 0.25)], ids=["sphere", "larger", "cylinder"])
+@pytest.mark.parametrize("centre", [(0.15, 0.0015, 0.019), (0.06, -0.002, 0.0215), (0.3, 0.0, 0.018), (0.12, 0.001, 0.035)])
+def test_one_pose_is_that_of_the_equations(bar, obstacle, centre):
+    bent = press(X, one([centre]), obstacle, bar)
+    a, push, q, force, indentation = plain(bar, obstacle, centre)
+    told = [bent.touch, bent.push, bent.slope, bent.force, bent.indentation, bent.depth, bent.width]
+    arm = obstacle.radius + 0.01
+    wanted = [a, push, q, force, indentation, max(arm - centre[2], 0), math.sqrt(obstacle.radius * indentation)]
+    assert [each.item() for each in told] == pytest.approx(wanted, rel=1e-9, abs=1e-15)
+    sideways = Bar(bar.length, bar.height, bar.width, bar.poisson_ratio, bar.held_at_both)
+    share = (bar.height / bar.width) ** 2  # I = w h^3 / 12 over that of the beam on its side
+    at = one(a)
+    aside, twist = sideways.bend(at, at)[0].item() * share, bar.twist(at, at).item()
+    if obstacle.round:
+        b, e, m_most = obstacle.row, centre[1], obstacle.row / (2 * obstacle.radius)
+        m = bent.lean.item() * m_most
+        H, T, B, F = arm, twist, aside, force
+        angle = T * F * (e + m * (H - B * F)) / (1 + T * F * (H - B * F))
+        moved = B * F * (m - angle)
+        # z = Z - C m, from the nodes of the groove in which it lies
+        under = (e - moved - H * angle - obstacle.nodes) / b - 2 * bent.groove.item()
+        if abs(bent.lies.item()) < 1 and push:
+            assert bent.lies.item() == pytest.approx(under, abs=1e-8)
+            assert bent.pull.item() - bent.hold.item() * bent.lean.item() == pytest.approx(under, abs=1e-8)
+        side_force, torque = F * (m - angle), angle / T
+    else:
+        lean = math.tan(q) * math.tan(0.25)
+        assert bent.lean.item() == pytest.approx(lean) and not (bent.pull + bent.hold + bent.lies + bent.groove).any() and not bent.jumps
+        side_force, torque = force * lean, -math.atan(lean) / twist
+    w, p = bar.bend(X, at)
+    for found, expected in ((bent.deflection, force * w), (bent.rotation, torch.atan(force * p)), (bent.turn, torque * bar.twist(X, at)),
+                            (bent.aside, side_force * share * sideways.bend(X, at)[0]), (bent.drawn_in, bar.drawn_in(X, force * w[None]))):
+        np.testing.assert_allclose(found[0], expected.reshape(-1), rtol=1e-7, atol=1e-15)
+
+
+def law(z, steep, start):
+    """m / M at places z in [0, 1], plainly."""
+    return np.minimum(np.maximum(steep * (z - start), -2 * z), 2 * (1 - z))
+
+
+@pytest.mark.parametrize("width", [0.2, 0.5, 0.8, 1.2, 2.5])
+@pytest.mark.parametrize("hold", [0.1, 0.45, 0.8, 3.0])
+def test_a_groove_is_left_for_the_next_one_when_no_place_in_it_can_hold_the_pull(width, hold):
+    """What a groove can hold is the largest z + hold m(z), found by trying; the next groove's nodes are two rows on."""
+    steep, start = (each.item() for each in groove_law(one([width])))
+    z = np.linspace(0, 1, 200_001)
+    highest = (z + hold * law(z, steep, start)).max()
+    for moved in (0, 1, 2, -1, -3):
+        for pull in (2 * abs(moved) + highest - 1e-4, 2 * (abs(moved) - 1) + highest + 1e-4 if moved else 0.3 * highest):
+            sign = -1 if moved < 0 else 1
+            lean, lies, found, jumped = (each.item() for each in held(one([sign * pull]), one([hold]), one([width]), 0.5 * sign))
+            assert found == moved
+            if abs(lies) < 1:  # in equilibrium in that groove
+                assert lies == pytest.approx(sign * pull - 2 * found - hold * lean, abs=1e-8)
+                assert abs(lean) == pytest.approx(abs(law(abs(lies), steep, start)), abs=1e-8)
+            if moved:
+                assert bool(jumped) == (hold >= 0.5)  # a stiffer beam follows without a jump
+
+
+def test_a_soft_beam_that_crosses_the_nodes_row_has_jumped_and_a_stiff_one_not():
+    """A narrow touch that began at z > 0: pulled to -0.6 it lies on the other side."""
+    for hold, jumps in ((0.8, True), (0.3, False)):
+        _, lies, moved, jumped = (each.item() for each in held(one([-0.6]), one([hold]), one([0.3]), 0.5))
+        assert moved == 0 and lies < 0 and bool(jumped) == jumps
+        _, lies, moved, jumped = (each.item() for each in held(one([-0.6]), one([hold]), one([0.3]), -0.5))
+        assert moved == 0 and lies < 0 and not jumped
