@@ -2,6 +2,7 @@
 
     files/    one trajectory on disk: its format, records of other programs, predictions, where a number comes from
     family/   what scenes are drawn
+    flow/     flows in place of solids
     sets/     a folder of trajectories: planned, made, checked, described, packed, exchanged
     scene_verbs, verbs   the command line's share: of scenes, and of folders of trajectories
     ways      its version, examples and completion

@@ -84,13 +84,13 @@ def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, proc
 
 def _elastic(options: Options, spread: bool) -> Any:
     from physics.modes.elastic import elastic_modes
-    from physics.scene import load_scene
+    from physics.scene import load_solid
 
     if options.dirichlet is not None:
         raise InputError("--dirichlet is for --kind laplacian; elastic modes take the supports of the scene")
     if Path(options.scene).suffix.lower() != ".toml":
         raise InputError(f"{options.scene}: elastic modes need a scene (.toml) with a material; its [body] may name a mesh file")
-    scene = load_scene(options.scene, options.set)
+    scene = load_solid(options.scene, options.set)
     if options.at is None:
         return elastic_modes(scene, count=options.count, spread=spread)
     mesh, state = _state(scene, options.at)
@@ -136,7 +136,7 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
     if out.suffix == ".vtkhdf":
         from datagen.files.places import mesh_file, places_of
         from datagen.files.trajectory import at_rest, write_trajectory
-        from physics.scene import load_scene
+        from physics.scene import load_solid
 
         elastic = options.kind == "elastic"
         shapes = found.pictured if elastic else found.pictured[:, :, None] * [0.0, 0.0, 1.0]
@@ -144,7 +144,7 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
         if not elastic:
             about = {"extra": {"laplacian_eigenvalues": found.eigenvalues.tolist()}}
         else:
-            scene = load_scene(options.scene, options.set)
+            scene = load_solid(options.scene, options.set)
             about = {"scene": scene.to_toml(), "frequencies_hz": found.frequencies_hz}
             if scene.body.shape == "file":
                 about |= {"places": places_of(found.mesh), "extra": {"mesh_file": mesh_file(scene)}}
@@ -157,14 +157,22 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
 
 def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, processes: int = 1) -> dict[str, Any]:
     """The path of a scene, through equilibria or through time, by finite elements."""
+    from datagen.flow.verb import simulate_flow
+    from physics.scene import FlowScene, load_scene
+
+    scene = load_scene(options.scene, options.set)
+    if isinstance(scene, FlowScene):
+        return simulate_flow(scene, options, say=say, writable=writable, processes=processes)
+    return _simulate_solid(scene, options, say=say, writable=writable, rank=rank, processes=processes)
+
+
+def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writable, rank: int, processes: int) -> dict[str, Any]:
     from datagen.files.fields import stress_fields
     from datagen.files.inputs import write_table
     from datagen.files.trajectory import unfinished, write_trajectory
     from datagen.sets.generate import trajectory_of
-    from physics.scene import load_scene
     from physics.solution import solve
 
-    scene = load_scene(options.scene, options.set)
     if scene.body.order != 1 or scene.body.shape == "channel":
         raise InputError(f"{options.scene}: simulate takes solid bodies of first order; modes take others too")
     out, table = writable(options.out, ".vtkhdf"), writable(options.csv, ".csv", option="--csv")

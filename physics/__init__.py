@@ -15,6 +15,7 @@ A room imports what stands above it in this list, never below:
     modes/          how a body swings
     motion/         a body that swings through time
     reduced/        the same body in a few shapes
+    flow/           a fluid that flows through a plane domain
     solution        `solve`: the answer to a scene, through equilibria or through time
     fidelity/       how good a prediction is, and what a Newton step makes of it
     view/           how it looks
@@ -35,8 +36,10 @@ _PUBLIC = {
     "Body": "scene", "InputError": "schema", "Load": "scene", "Material": "scene", "Mesh": "mesh.mesh",
     "NoEquilibrium": "equilibrium.state", "Obstacle": "scene", "Scene": "scene", "Solution": "solution", "Steps": "scene",
     "Support": "scene", "Where": "scene", "build_mesh": "mesh.build", "elastic_modes": "modes.elastic", "film": "view",
-    "laplacian_modes": "modes.laplacian", "load_body": "scene", "load_scene": "scene", "read_mesh": "mesh.files", "read_scene": "scene",
-    "solve": "solution", "verify": "fidelity.verify", "von_mises": "body.stress", "write_mesh": "mesh.files",
+    "FlowScene": "scene", "FlowSolution": "flow.solution",
+    "laplacian_modes": "modes.laplacian", "load_body": "scene", "load_scene": "scene", "read_mesh": "mesh.files", "read_any": "scene",
+    "read_scene": "scene",
+    "solve": "solution", "solve_flow": "flow.solution", "verify": "fidelity.verify", "von_mises": "body.stress", "write_mesh": "mesh.files",
 }
 __all__ = sorted(_PUBLIC)
 

@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 
 from datagen.family.place import placed
-from physics.scene import Scene, read_scene
+from physics.scene import read_any
 from physics.schema import InputError, nearest, quantity, read_table, read_toml
 
 LARGEST_SPLIT = 1_000_000  # indices of the next split begin there, so that each can grow by itself
@@ -115,8 +115,8 @@ def counts(family: Family, *, count: int | None = None, split: str | None = None
     return {name: number for name, number in own.items() if number}
 
 
-def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
-    """The scene of a family with a given seed and index; another attempt is another scene.
+def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Any:
+    """The scene of a family, a solid or a flow, with a given seed and index; another attempt is another scene.
 
     Raises:
         InputError: a range is wrong, or the scene is
@@ -129,7 +129,7 @@ def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Scene:
         table["obstacle"] = [_placed(table, obstacle) for obstacle in obstacles]
     elif obstacles is not None:
         table["obstacle"] = _placed(table, obstacles)
-    return read_scene(table)
+    return read_any(table)
 
 
 def _placed(table: dict[str, Any], obstacle: Any) -> Any:

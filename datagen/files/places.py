@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
-from physics.scene import Scene
+from physics.scene import FlowScene, Scene
 from physics.schema import InputError
 
 # Of each place its "nodes" (n,), and under the names of cells (n, k) what it is made of; a place of nodes alone has no more.
@@ -80,7 +80,7 @@ def wrong_places(places: Places, nodes: int) -> str:
     return ""
 
 
-def mesh_file(scene: Scene) -> dict[str, str]:
+def mesh_file(scene: Scene | FlowScene) -> dict[str, str]:
     """The path of the mesh file of a scene and the SHA-256 of its bytes. Raises `InputError` when it cannot be read."""
     assert scene.body.path is not None
     try:

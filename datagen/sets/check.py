@@ -28,6 +28,7 @@ from datagen.files.inputs import centres, numbered
 from datagen.files.places import remarks_on_file
 from datagen.files.solved import as_solved, solved_on
 from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
+from datagen.flow.check import against_flow
 from datagen.sets.dataset import digest, read_manifest
 from datagen.sets.workers import progress
 from physics.body.schedule import Moves
@@ -39,7 +40,7 @@ from physics.fem import release
 from physics.fidelity.verify import Checker
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
-from physics.scene import Scene
+from physics.scene import FlowScene, Scene, scene_of
 from physics.schema import InputError
 
 PENETRATION = 1e-3  # largest one that passes, over the smallest side of the body
@@ -91,7 +92,9 @@ def precision(trajectory: Trajectory) -> NDArray[np.float64]:
 
 def against_scene(trajectory: Trajectory, *, steps: int = 5) -> list[str]:
     """What contradicts the scene that a trajectory is said to be of, a line each. Raises `InputError` for a bad scene."""
-    scene = Scene.from_toml(trajectory.scene)
+    scene = scene_of(trajectory.scene)
+    if isinstance(scene, FlowScene):
+        return against_flow(trajectory, scene, steps=steps)
     mesh, frames = solved_on(scene, trajectory), len(trajectory.displacement)
     nodes = len(mesh.points)
     if frames != scene.steps.count + 1:

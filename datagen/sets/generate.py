@@ -28,17 +28,20 @@ from datagen.files.inputs import centres, numbered
 from datagen.files.places import mesh_file, places_of
 from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
+from datagen.flow.trajectory import flow_trajectory
 from datagen.sets import dataset
 from datagen.sets.workers import on_cluster, on_this_machine, progress
 from physics.body.supports import held
 from physics.contact.obstacles import Rigid
 from physics.equilibrium.balance import cell_size
 from physics.fem import release
+from physics.flow.solution import solve_flow
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.modes.elastic import elastic_modes
 from physics.motion.inertia import inertia
-from physics.scene import PLANE_CELLS, Body, Material, Scene, Steps
+from physics.scene import PLANE_CELLS, Body, FlowScene, Material, Scene, Steps, scene_of
+from physics.scene.flow import FlowSteps
 from physics.schema import InputError
 from physics.solution import Solution, solve
 
@@ -50,9 +53,9 @@ class OverTime(RuntimeError):
     """A scene took longer than it may; the message says how far it came."""
 
 
-def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int = 0, index: int = 0,
+def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0, index: int = 0,
                   on_step: Callable[[int], None] | None = None, stress: bool = False) -> Trajectory:
-    """The solution of a scene, computed unless given, with its first elastic mode and the obstacles' surfaces moving along.
+    """The solution of a scene, computed unless given, with its first elastic mode and the obstacles' surfaces moving along; or a flow.
 
     Modes within 2 % of the first frequency belong to it, as the two bending planes of a square beam do: all are kept, four at most.
 
@@ -64,6 +67,8 @@ def trajectory_of(scene: Scene, *, solution: Solution | None = None, seed: int =
         InputError: the scene has no solution to look for
         RuntimeError: the elastic mode was not found
     """
+    if isinstance(scene, FlowScene):
+        return flow_trajectory(scene, solve_flow(scene, on_step=on_step, partial=True), seed=seed, index=index)
     solution = solution or solve(scene, on_step=on_step, partial=True)
     mesh = solution.mesh
     fixed = held(scene, mesh)
@@ -223,7 +228,7 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
             reasons.append(str(error).splitlines()[0])
             continue
         wrong = problems(trajectory) if trajectory.complete else [trajectory.extra["failure"]]
-        snaps = np.flatnonzero(trajectory.per_frame["snap"])
+        snaps = np.flatnonzero(trajectory.per_frame.get("snap", ()))
         if len(snaps):
             wrong.append(f"the body snaps at step {snaps[0]}")
         if wrong:
@@ -261,22 +266,25 @@ def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
     return entry if known.get(job.file, entry.sha256) == entry.sha256 else None
 
 
-def _of(scene: Scene, found: Trajectory) -> bool:
+def _of(scene: Any, found: Trajectory) -> bool:
     """Whether a trajectory is of this very scene; a mesh file may go by another path if it is the same file."""
     if scene.body.shape != "file":
         return found.scene == scene.to_toml()
     try:
-        there = Scene.from_toml(found.scene)
+        there = scene_of(found.scene)
     except InputError:
         return False
     same = dataclasses.replace(there, body=dataclasses.replace(there.body, path=scene.body.path)) == scene
     return same and found.places is not None and found.extra.get("mesh_file", {}).get("sha256") == mesh_file(scene)["sha256"]
 
 
-def compile_forms(scenes: list[Scene]) -> None:
+def compile_forms(scenes: list[Any]) -> None:
     """Compile what the workers will need, before they start: at once they would race for the cache on disk."""
-    cell_of = {body: build_mesh(body).cell if body.shape == "file" else body.cell for body in {scene.body for scene in scenes}}
-    for cell, plane, law in {(cell_of[scene.body], scene.body.plane, own.law): None for scene in scenes for own in scene.materials}:
+    for flow in {scene.order: scene for scene in scenes if isinstance(scene, FlowScene)}.values():
+        solve_flow(dataclasses.replace(flow, steps=FlowSteps(count=1, duration=1e-3)))
+    solids = [scene for scene in scenes if isinstance(scene, Scene)]
+    cell_of = {body: build_mesh(body).cell if body.shape == "file" else body.cell for body in {scene.body for scene in solids}}
+    for cell, plane, law in {(cell_of[scene.body], scene.body.plane, own.law): None for scene in solids for own in scene.materials}:
         body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=cell)
         if cell in PLANE_CELLS:
             body = Body(shape="plate", length=1.0, width=1.0, cells=(1, 1), cell=cell, plane=plane)

@@ -22,8 +22,10 @@ from datagen.family.family import Family, draw
 from datagen.sets.generate import jobs_of
 from physics.contact.obstacles import Rigid
 from physics.equilibrium.balance import cell_size
+from physics.flow.space import FlowSpace
+from physics.flow.stored import computed_mesh, stored
 from physics.mesh.build import build_mesh
-from physics.scene import Scene
+from physics.scene import FlowScene
 
 
 def graph_diameter(edges: NDArray[np.int64], nodes: int) -> int:
@@ -60,8 +62,13 @@ def _diameter(graph: scipy.sparse.csr_matrix) -> int:
     return int(lower.max())
 
 
-def figures(scene: Scene) -> dict[str, Any]:
+def figures(scene: Any) -> dict[str, Any]:
     """What is known of one scene before it is solved."""
+    if isinstance(scene, FlowScene):
+        space = FlowSpace(computed_mesh(scene), scene.order)
+        mesh = stored(scene, space).mesh
+        return {"nodes": len(mesh.points), "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
+                "steps": scene.steps.count, "reynolds_number": scene.reynolds_number or 0.0}
     mesh = build_mesh(scene.body)
     around = [Rigid(obstacle).surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2) for obstacle in scene.obstacles]
     nodes = len(mesh.points) + sum(len(points) for points, _ in around)

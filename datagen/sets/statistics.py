@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from datagen.files.solved import solved_on
 from datagen.files.trajectory import Trajectory, read_trajectory
+from datagen.flow.figures import flow_figures
 from datagen.sets import dataset
 from datagen.sets.check import precision
 from datagen.sets.plan import graph_diameter, summary
@@ -29,7 +30,7 @@ from datagen.sets.workers import progress
 from physics.fem import release
 from physics.mesh.mesh import Mesh
 from physics.mesh.refine import halved
-from physics.scene import Scene, Steps
+from physics.scene import FlowScene, Scene, Steps, scene_of
 from physics.schema import InputError
 from physics.solution import solve
 
@@ -73,6 +74,9 @@ def statistics(folder: str | Path, rows: list[dict[str, Any]] | None = None, *, 
 
 def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
     """The numbers of one trajectory; lengths in metres, forces in newtons."""
+    scene = scene_of(trajectory.scene) if trajectory.scene else None
+    if isinstance(scene, FlowScene):
+        return _of_flow(trajectory, scene)
     u, free, body = trajectory.displacement, trajectory.free, trajectory.body
     moving, mesh = u[:, free].astype(np.float64), trajectory.mesh
     change = np.diff(moving, axis=0)
@@ -83,8 +87,7 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
         "displacement_rms": _rms(moving[1:]), "displacement_largest": float(np.linalg.norm(moving, axis=2).max(initial=0.0)),
         "change_rms": _rms(change), "change_of_change_rms": _rms(np.diff(change, axis=0)) if len(u) > 2 else 0.0,
         "storage_noise": _rms(precision(trajectory)[:, free])}
-    if trajectory.scene:
-        scene = Scene.from_toml(trajectory.scene)
+    if scene is not None:
         row |= {"support": " and ".join(str(support.where) for support in scene.support) or "none",
                 "obstacle": scene.pressed_by}
     for name, value in trajectory.per_frame.items():
@@ -104,6 +107,17 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
     return row | {"seconds": seconds, "ms_per_step": 1e3 * seconds / max(1, len(u) - 1)}
 
 
+def _of_flow(trajectory: Trajectory, scene: FlowScene) -> dict[str, Any]:
+    """The numbers of one flow."""
+    mesh, frames = trajectory.mesh, len(trajectory.displacement) - 1
+    length, width = np.ptp(trajectory.points[:, :2], axis=0)
+    seconds = float(trajectory.extra.get("seconds", 0.0))
+    return {"nodes": len(trajectory.points), "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
+            "steps": frames, "xy_extent": float(length * width), **flow_figures(trajectory, scene),
+            **{f"{name}_largest": float(abs(value).max()) for name, value in trajectory.per_frame.items()},
+            "seconds": seconds, "ms_per_step": 1e3 * seconds / max(1, frames)}
+
+
 def mesh_error(trajectory: Trajectory) -> dict[str, float]:
     """How far a trajectory is from the same scene on cells of half the size, and from itself in fewer, larger steps.
 
@@ -118,7 +132,9 @@ def mesh_error(trajectory: Trajectory) -> dict[str, float]:
     """
     if not trajectory.scene:
         raise RuntimeError("a trajectory without a scene cannot be solved again")
-    scene = Scene.from_toml(trajectory.scene)
+    scene = scene_of(trajectory.scene)
+    if isinstance(scene, FlowScene):
+        raise RuntimeError("a flow is not solved again on finer cells")
     every = _every(scene)
     body = trajectory.body
     mine = trajectory.displacement[::every, body].astype(np.float64)  # (F, N, 3)

@@ -24,7 +24,7 @@ from learning.prediction.surrogates import corrected, estimated, learned
 from learning.report.cost import called
 from learning.report.evaluate import evenly, load_cases, own_predictors, report_on
 from learning.report.table import KINDS
-from physics.scene import load_scene
+from physics.scene import load_solid
 from physics.schema import InputError, nearest
 
 CLOSE, LOOSE = 1e-3, 1e-2  # residual over reaction
@@ -75,7 +75,7 @@ def chosen(every: Sequence[Predictor], only: Sequence[str]) -> list[Predictor]:
 
 def scene_case(path: str | Path) -> list[Case]:
     """The scene of a file, solved here. Raises `InputError` for a bad scene, RuntimeError for one without a solution."""
-    scene = load_scene(path)
+    scene = load_solid(path)
     if scene.steps.dynamic or scene.body.order != 1:
         raise InputError(f"{path}: the comparison takes quasi-static scenes of first-order cells")
     trajectory = trajectory_of(scene)

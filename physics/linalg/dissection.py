@@ -86,7 +86,7 @@ def dissect(points: Floats, cells: NDArray[np.int32]) -> Dissection:
         return len(own) - 1
 
     visit(np.arange(nodes), cells)
-    return _laid_out(own, near, children, nodes)
+    return laid_out(own, near, children, nodes)
 
 
 def _cut(nodes: Integers, cells: NDArray[np.int32], points: Floats, side: NDArray[np.int8]) -> tuple[list[Integers], Integers]:
@@ -112,10 +112,10 @@ def _cut(nodes: Integers, cells: NDArray[np.int32], points: Floats, side: NDArra
     return halves, layers[thin]
 
 
-def _laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list[list[int]], nodes: int) -> Dissection:
-    """Where everything of the parts stands in memory."""
+def laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list[list[int]], nodes: int, each: int = 3) -> Dissection:
+    """Where everything of the parts stands in memory, with `each` unknowns a node; a node -1 is none."""
     order = np.concatenate(own)
-    place = np.empty(nodes, np.int64)
+    place = np.full(nodes + 1, -1)
     place[order] = np.arange(nodes)
     first = np.concatenate([[0], np.cumsum([len(part) for part in own])])
     parent = np.full(len(own), -1)
@@ -129,9 +129,9 @@ def _laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list
         if parent[t] >= 0:
             start, end = first[parent[t]:parent[t] + 2]
             at.append(np.where(boundary < end, boundary - start, end - start + np.searchsorted(boundaries[parent[t]], boundary)))
-    s, b = 3.0 * np.diff(first), 3.0 * np.array([len(boundary) for boundary in boundaries])
+    s, b = float(each) * np.diff(first), float(each) * np.array([len(boundary) for boundary in boundaries])
     panel = np.concatenate([[0.0], np.cumsum(s * (s + b))])
-    begin = np.concatenate([[0], np.cumsum(b // 3)])
+    begin = np.concatenate([[0], np.cumsum(b // each)])
     child = np.concatenate([[0], np.cumsum([len(below) for below in children])])
     made, kept, top, memory = np.zeros(len(own)), np.zeros(len(own)), 0.0, 0.0
     for t, below in enumerate(children):
@@ -143,7 +143,7 @@ def _laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list
     for name, column in zip(COLUMNS, (s, b, panel[:-1], first[:-1], begin[:-1], child[:-1], child[1:], made, kept), strict=True):
         part[name] = column
     return Dissection(
-        order=order, place=place, part=part, parent=parent,
+        order=order, place=place[:-1], part=part, parent=parent,
         children=np.array([c for below in children for c in below], np.int64),
         boundary=np.concatenate(boundaries).astype(np.int32), at=np.concatenate([*at, []]).astype(np.int32),
         numbers=int(panel[-1]), memory=int(memory), operations=float((s**3 / 3 + s**2 * b + s * b**2).sum()))
@@ -172,7 +172,7 @@ class Panels:
         self._work = np.empty(dissection.memory)
         self._library = compiled(SOURCE)
         self._library.factor.restype = ctypes.c_int64
-        self._call = {name: _blas(name) for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv", "dpotrf")}
+        self._call = {name: blas(name) for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv", "dpotrf")}
         self._every = np.arange(len(dissection.part))
         self._rows = np.arange(len(dissection.order))
 
@@ -224,7 +224,7 @@ class Panels:
         return (3 * np.flatnonzero(inside)[:, None] + np.arange(3)).ravel(), right
 
 
-def _blas(name: str) -> ctypes.c_void_p:
+def blas(name: str) -> ctypes.c_void_p:
     """SciPy's pointer to a routine of BLAS or LAPACK."""
     capsule = (cython_lapack if name == "dpotrf" else cython_blas).__pyx_capi__[name]
     python = ctypes.pythonapi

@@ -8,6 +8,7 @@ from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.shapes.boxes import box, rectangle
 from physics.mesh.shapes.channel import channel
+from physics.mesh.shapes.graded import graded_channel
 from physics.scene import PLANE_CELLS, Body
 
 
@@ -17,7 +18,7 @@ def build_mesh(body: Body) -> Mesh:
         assert body.path is not None
         mesh = read_mesh(body.path, order=body.order, scale=body.scale or 1.0)
     elif body.shape == "channel":
-        mesh = channel(body)
+        mesh = channel(body) if body.hole_cell_size is None else graded_channel(body)
     else:
         mesh = rectangle(body) if body.cell in PLANE_CELLS else box(body)
     return across(mesh, body)

@@ -5,14 +5,16 @@
     plane   what may not act across a plane body
     tables  how loads, supports and obstacles go along the steps, in the scene or in a CSV file
     change  single values changed from outside
+    flow    a fluid in a domain in place of a body that deforms
     scene   all of it together: read from TOML, checked, written back
 
 A scene is a TOML file, read into frozen dataclasses. Coordinates are Cartesian [m]; the body is given in its stress-free rest
 state. Step s = 0 .. count is a fraction s/count of the loading; it is a time only in dynamic scenes.
 """
 
+from physics.scene.flow import FlowScene
 from physics.scene.parts import PLACES, PLANE_CELLS, Body, Load, Material, Materials, Obstacle, Orthotropic, Steps, Support, Where
-from physics.scene.scene import Scene, load_body, load_scene, read_body, read_scene
+from physics.scene.scene import Scene, load_body, load_scene, load_solid, read_any, read_body, read_scene, scene_of
 
-__all__ = ["PLACES", "PLANE_CELLS", "Body", "Load", "Material", "Materials", "Obstacle", "Orthotropic", "Scene", "Steps", "Support",
-           "Where", "load_body", "load_scene", "read_body", "read_scene"]
+__all__ = ["PLACES", "PLANE_CELLS", "Body", "FlowScene", "Load", "Material", "Materials", "Obstacle", "Orthotropic", "Scene", "Steps",
+           "Support", "Where", "load_body", "load_scene", "load_solid", "read_any", "read_body", "read_scene", "scene_of"]

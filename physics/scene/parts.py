@@ -17,7 +17,7 @@ STRONG: dict[str, Any] = {"at_least": -1e18, "at_most": 1e18}  # of tractions [P
 KEYS = {
     "beam": ("length", "width", "height", "cells", "cell_size", "cell"),
     "plate": ("length", "width", "height", "cells", "cell_size", "cell"),
-    "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "cell"),
+    "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "hole_cell_size", "cell"),
     "file": ("path", "scale"),
 }
 # Which keys each shape of [obstacle] needs; a box may have a radius too.
@@ -32,7 +32,8 @@ class Body:
     plate: the same box, its thickness `height` along z; prisms have triangles normal to z. With cell = "triangle" or
         "quadrilateral" it is plane, of sides `length` and `width`, and takes no height.
     channel: a plane rectangle `length` x `height` from the origin with a round hole; what is left out is 1.6 x 0.41 m with
-        a hole of radius 0.05 m at (0.2, 0.2), the domain of flow around a cylinder, in triangles of 0.02 m.
+        a hole of radius 0.05 m at (0.2, 0.2), the domain of flow around a cylinder, in triangles of 0.02 m. With `hole_cell_size`
+        these grow from that size on the hole to `cell_size`, and the hole is round for second order.
     file: the mesh in `path`, relative to the scene file; its groups name the places. Its coordinates times `scale` are metres:
         0.001 for a file in millimetres.
 
@@ -58,6 +59,7 @@ class Body:
     scale: float | None = quantity(None, above=0, at_least=1e-12, at_most=1e12)
     hole_centre: tuple[float, float] | None = quantity(None, unit="m", **FAR)
     hole_radius: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    hole_cell_size: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     plane: str | None = quantity(None, choice=("strain", "stress"))
     thickness: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
 

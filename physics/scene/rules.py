@@ -116,6 +116,10 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
         length, height, _ = body.extent
         (x, y), radius = body.hole_centre, body.hole_radius
         room = min(x, length - x, y, height - y) - radius
+        if body.hole_cell_size is not None and body.cell != "triangle":
+            raise InputError(f"body.hole_cell_size: only triangles grow away from the hole, not cell = {body.cell!r}")
+        if body.hole_cell_size is not None and body.hole_cell_size > body.cell_size:
+            raise InputError(f"body.hole_cell_size = {body.hole_cell_size:g}: must be at most cell_size, {body.cell_size:g} m")
         if room <= 0:
             raise InputError(f"body: the hole at ({x:g}, {y:g}) m of radius {radius:g} m does not lie inside the channel of "
                              f"{length:g} x {height:g} m")

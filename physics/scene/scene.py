@@ -10,6 +10,7 @@ from typing import Any
 import tomli_w
 
 from physics.scene.change import change
+from physics.scene.flow import FlowScene, read_flow
 from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
 from physics.scene.rules import (
     check_body,
@@ -82,16 +83,28 @@ class Scene:
     @staticmethod
     def from_toml(text: str) -> Scene:
         """The scene in a text, as `to_toml` writes it. Raises `InputError`."""
-        try:
-            table = parse_toml(text)
-        except InputError as error:
-            raise InputError(f"its scene is not TOML: {error}") from None
-        return read_scene(table)
+        return read_scene(_parsed(text))
 
 
-def load_scene(path: str | Path, changes: Sequence[str] = ()) -> Scene:
-    """A scene from a TOML file, some values changed (`obstacle.radius=0.012`). Raises `InputError` when anything about it is wrong."""
-    return _load(path, read_scene, changes)
+def load_scene(path: str | Path, changes: Sequence[str] = ()) -> Any:
+    """A solid (`Scene`) or a flow (`FlowScene`) from a TOML file, some values changed (`obstacle.radius=0.012`).
+
+    Raises `InputError` when anything about it is wrong.
+    """
+    return _load(path, read_any, changes)
+
+
+def load_solid(path: str | Path, changes: Sequence[str] = ()) -> Scene:
+    """A solid from a TOML file. Raises `InputError` when it is a flow too."""
+    scene = load_scene(path, changes)
+    if not isinstance(scene, Scene):
+        raise InputError(f"{path}: is a flow, with its [fluid]; this takes a solid, with a [material]")
+    return scene
+
+
+def scene_of(text: str) -> Scene | FlowScene:
+    """The solid or the flow in a text, as `to_toml` writes it. Raises `InputError`."""
+    return read_any(_parsed(text))
 
 
 def load_body(path: str | Path) -> Body:
@@ -99,6 +112,18 @@ def load_body(path: str | Path) -> Body:
     if Path(path).suffix.lower() != ".toml":
         return Body(shape="file", path=str(path))
     return _load(path, read_body)
+
+
+def read_any(table: dict[str, Any]) -> Scene | FlowScene:
+    """A solid or a flow from a table. Raises `InputError`."""
+    return read_flow(table) if "fluid" in table else read_scene(table)
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    try:
+        return parse_toml(text)
+    except InputError as error:
+        raise InputError(f"its scene is not TOML: {error}") from None
 
 
 def _load(path: str | Path, read: Callable[[dict[str, Any]], Any], changes: Sequence[str] = ()) -> Any:
@@ -116,8 +141,8 @@ def _load(path: str | Path, read: Callable[[dict[str, Any]], Any], changes: Sequ
 
 def read_body(table: dict[str, Any]) -> Body:
     """The body in a scene's table, in which only [body] is needed; the rest is read too when there is a material."""
-    if "material" in table:
-        return read_scene(table).body
+    if "fluid" in table or "material" in table:
+        return read_any(table).body
     for key in table:
         if key not in {field.name for field in fields(Scene)}:
             raise InputError(f"{key}: unknown key{nearest(key, [field.name for field in fields(Scene)])}")

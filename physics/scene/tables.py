@@ -22,7 +22,7 @@ MOST = 100_000  # rows
 def with_tables(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     """A scene's table in which files of steps are replaced by what is in them. Raises `InputError`."""
     found = dict(table)
-    for name in ("load", "support"):
+    for name in ("load", "support", "inflow"):
         if isinstance(table.get(name), list):
             found[name] = [_filled(part, folder, f"{name}[{i}]", ("factor",)) for i, part in enumerate(table[name])]
     obstacle, columns = table.get("obstacle"), ("x", "y", "z")

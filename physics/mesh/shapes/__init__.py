@@ -2,4 +2,5 @@
 
     boxes      beams along x, and plates
     channel    a channel with a round hole
+    graded     the same in triangles that grow away from it
 """
