@@ -2,6 +2,7 @@
 
     ./run fidelity generate beam --split test --seed 77 --count 12 --out beam77
     .venv/bin/python -m benchmarks.hybrid beam77            one row for each beam and prediction
+    .venv/bin/python -m benchmarks.hybrid beam77 --trained  the trained network's alone
     .venv/bin/python -m benchmarks.hybrid beam77 --start    what predictions save as the start of finite elements
 
 Two predictions are made up, so that the worst of each kind is known: the truth with a smooth error of 3e-5 m root mean square
@@ -30,6 +31,7 @@ from physics.solution import solve
 from tests.hard_cases import SLIPPING
 
 LATE, OFF, WAVES = 3, 3e-5, 12
+TRAINED = "assets/m4gn-fast"
 Case = tuple[str, Scene, Mesh, Floats, Trajectory | None]  # name, and the truth (T, N, 3)
 
 
@@ -53,13 +55,13 @@ def predictions(case: Case, fixed: np.ndarray) -> Iterator[tuple[str, Floats]]:
     yield "smooth error", truth + smooth(mesh, len(truth), fixed, sum(name.encode()))
     yield f"{LATE} frames late", truth[np.maximum(np.arange(len(truth)) - LATE, 0)]
     if trajectory is not None:
-        yield "assets/m4gn-fast", rollout(load_model("assets/m4gn-fast"), trajectory).displacement[:, trajectory.body].astype(np.float64)
+        yield TRAINED, rollout(load_model(TRAINED), trajectory).displacement[:, trajectory.body].astype(np.float64)
 
 
-def cases(folder: str) -> Iterator[Case]:
+def cases(folder: str, *, slipping: bool) -> Iterator[Case]:
     for found in load_cases(files(folder, "test")):
         yield found.name, found.scene, found.mesh, found.truth.astype(np.float64), found.trajectory
-    for name, scene in SLIPPING.items():
+    for name, scene in SLIPPING.items() if slipping else ():
         solution = solve(scene)
         yield name, scene, solution.mesh, solution.displacement, None
 
@@ -101,9 +103,10 @@ def main() -> None:
     parser = footing.parser(__doc__)
     parser.add_argument("folder")
     parser.add_argument("--start", action="store_true")
+    parser.add_argument("--trained", action="store_true")
     options = parser.parse_args()
     table = footing.Table()
-    for case in cases(options.folder):
+    for case in cases(options.folder, slipping=not options.trained):
         name, scene, mesh, truth, _ = case
         last = len(truth) - 1
         alone, steps = elements(scene, mesh, last, {})
@@ -118,6 +121,8 @@ def main() -> None:
             table.add(row)
             continue
         for kind, guess in predictions(case, fixed):
+            if options.trained and kind != TRAINED:
+                continue
             seconds, corrector, after = corrected(scene, mesh, guess)
             before, left = rms(guess - truth)[1:], rms(after - truth)[1:]
             wrong_at = before > 1e-8  # the rest were right

@@ -11,7 +11,8 @@ from datagen.files.provenance import commit, release
 EXAMPLES = {
     "modes": "press.toml --count 6 --out modes.vtu", "simulate": "press.toml --set obstacle.radius=0.012 --out press.vtkhdf",
     "generate": "demo --out data", "segment": "press.vtkhdf --segments 12 --picture segments.png",
-    "train": "learning/configs/m4gn-small.toml --data data --out run --seconds 600", "rollout": "run press.vtkhdf --out p.vtkhdf",
+    "train": "learning/configs/m4gn-small.toml --data data --out run --seconds 600", "calibrate": "run --data other",
+    "rollout": "run press.vtkhdf --out p.vtkhdf",
     "sweep": "press.toml --vary obstacle.radius=0.01:0.015 --count 1000 --predictor assets/m4gn-fast --out sweep.h5",
     "evaluate": "run --data data --out report", "pareto": "press.toml --run run --predictor mymodule:model --out pareto",
     "verify": "p.vtkhdf --reference press.vtkhdf --out report", "view": "press.vtkhdf --out press.gif", "demo": "--out demo",

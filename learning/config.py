@@ -12,6 +12,7 @@ from pathlib import Path
 from learning.networks.kinds import CONFIGS, NetworkConfig
 from learning.networks.m4gn import M4GNConfig
 from learning.networks.sections import SectionsConfig
+from learning.networks.shapes import ShapesConfig
 from learning.segments.features import METHODS, MODES
 from physics.schema import InputError, nearest, quantity, read_table, read_toml, shown
 
@@ -77,8 +78,8 @@ class TrainConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SlenderConfig:
-    """What a training of a predictor of beams is asked to do (slender/), `[network] kind = "sections"`.
+class PosesConfig:
+    """What a training of a predictor is asked to do that knows all poses of a path at once (slender/, bodies/).
 
     frames: that are learned from in each trajectory, evenly spaced from the first touch on
     poses: at which a path is predicted; splines lead from one to the next
@@ -92,7 +93,6 @@ class SlenderConfig:
 
     frames: int = quantity(50, at_least=2)
     poses: int = quantity(32, at_least=4, at_most=1000)
-    network: SectionsConfig = field(default_factory=SectionsConfig)
     batch_size: int = quantity(96, at_least=1, at_most=100_000)
     steps: int = quantity(1_000_000, at_least=1)
     budget_seconds: float | None = quantity(None, unit="s", above=0)
@@ -105,15 +105,42 @@ class SlenderConfig:
     seed: int = quantity(0, at_least=0)
 
 
-def load_config(path: str | Path) -> TrainConfig | SlenderConfig:
+@dataclass(frozen=True, kw_only=True)
+class SlenderConfig(PosesConfig):
+    """Of a predictor of beams, `[network] kind = "sections"`."""
+
+    network: SectionsConfig = field(default_factory=SectionsConfig)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodiesConfig(PosesConfig):
+    """Of a predictor of bodies of any shape, `[network] kind = "shapes"`.
+
+    mirrored: axes of which training shows mirrored copies, as "xy"
+    """
+
+    mirrored: str = ""
+    network: ShapesConfig = field(default_factory=ShapesConfig)
+
+    def __post_init__(self) -> None:
+        """Raises `InputError` for an axis that is none."""
+        if len(set(self.mirrored) & set("xyz")) < len(self.mirrored):
+            raise InputError(f"mirrored = {self.mirrored!r}: must be some of the letters x, y, z, each once")
+
+
+KINDS: dict[str, type[PosesConfig]] = {"sections": SlenderConfig, "shapes": BodiesConfig}
+
+
+def load_config(path: str | Path) -> TrainConfig | PosesConfig:
     """A config from a TOML file, of the kind that its network is. Raises `InputError` in one line when anything about it is wrong."""
     table = read_toml(path)
     network = table.get("network")
     kind = network.get("kind", "m4gn") if isinstance(network, dict) else "m4gn"
-    known = (*CONFIGS, "sections")
+    known = (*CONFIGS, *KINDS)
     if kind not in known:
         raise InputError(f"{path}: network.kind = {shown(kind)}: must be one of {', '.join(known)}{nearest(str(kind), known)}")
+    config: type[TrainConfig] | type[PosesConfig] = KINDS.get(kind, TrainConfig)
     try:
-        return read_table(SlenderConfig, table) if kind == "sections" else read_table(TrainConfig, table)
+        return read_table(config, table)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

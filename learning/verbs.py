@@ -1,4 +1,4 @@
-"""What the command line does with networks: segment, train, rollout, sweep, evaluate, pareto; wiring only.
+"""What the command line does with networks: segment, train, calibrate, rollout, sweep, evaluate, pareto; wiring only.
 
 Each function takes the options of its verb, `say` for lines to the reader, and `writable`, which checks the path of an output
 before any work; what it returns is printed as JSON when that is asked for.
@@ -50,6 +50,9 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add("--seconds", type=seconds, metavar="S", help="of training, in place of the config's budget_seconds")
     add("--resume", action="store_true", help="go on from the run's last checkpoint, or begin where there is none")
     _device(add)
+    add = verb("calibrate", calibrate, "run").add_argument
+    add("--data", required=True, help="folder of a data set that the run was not trained on")
+    add("--split", default="valid")
     add = verb("rollout", rollout, "run", "trajectory").add_argument
     add("--out", required=True, help="trajectory, .vtkhdf")
     add("--correct", type=positive, metavar="K",
@@ -130,6 +133,18 @@ def _keys() -> str:
     from learning.keys import help_text
 
     return help_text()
+
+
+def calibrate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """The error bar of a trained run, found anew from other trajectories."""
+    from datagen.sets.dataset import files
+    from learning.training.calibrate import calibrate as run
+
+    writable(options.run)
+    result = run(options.run, files(options.data, options.split))
+    say(f"an error bar is {result['factor']:.3g} times the expected error (before: {result['before']:.3g}): within it lie "
+        f"{100 * result['coverage']:.3g} % of the frames of {result['trajectories']} trajectories: {options.run}")
+    return result
 
 
 def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:

@@ -21,7 +21,8 @@ TRIVIAL = ["nothing moves", "keep the last velocity", "quadratic extrapolation"]
 CHEAPER = [
     "FE, cells halved",
     "FE, cells halved twice",
-    "FE, a tenth of the steps",
+    "FE, a tenth of the steps, tolerance 0.001",
+    "FE, a twentieth of the steps, tolerance 0.01",
     "FE, tolerance 0.01",
     "FE, cells halved, a tenth of the steps",
     "FE, linear elasticity",
@@ -74,7 +75,7 @@ def test_a_scene_without_a_solution_says_where_it_ended(scene, monkeypatch):
 def test_classical_methods_stand_among_themselves_the_reference_last():
     found = module.predictors({})
     assert [each.name for each in found] == [*TRIVIAL, *CHEAPER, REFERENCE]
-    assert [each.kind for each in found] == ["trivial"] * 3 + ["fe"] * 6 + ["reduced", "reduced", "reference"]
+    assert [each.kind for each in found] == ["trivial"] * 3 + ["fe"] * 7 + ["reduced", "reduced", "reference"]
 
 
 def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its_folder():
@@ -83,7 +84,7 @@ def test_of_one_run_the_network_comes_first_of_several_each_with_the_name_of_its
     assert [(each.name, each.kind) for each in one[:3]] == [
         ("M4GN" + rung, kind) for rung, kind in zip(rungs, ("learned", "hybrid", "hybrid"), strict=True)
     ]
-    assert one[3].name == "nothing moves" and len(one) == 15
+    assert one[3].name == "nothing moves" and len(one) == 16
     two = module.predictors({"runs/a": model(), "more/b": model(estimate=True)})
     assert [each.name for each in two[:7]] == [*("M4GN a" + rung for rung in rungs), *("M4GN b" + rung for rung in rungs), TRIVIAL[0]]
 
@@ -94,7 +95,7 @@ def test_two_runs_of_one_name_are_refused():
 
 
 def test_each_is_cheaper_by_what_its_name_says(monkeypatch):
-    """What the solver is asked for: cells, steps, tolerance and law of each, for 30 steps of a beam of 12 x 4 x 4 cells."""
+    """What the solver is asked for: cells, steps, tolerance and law of each, for 60 steps of a beam of 12 x 4 x 4 cells."""
     asked = {}
 
     def follow(scene, tolerance, mesh=None):
@@ -102,17 +103,19 @@ def test_each_is_cheaper_by_what_its_name_says(monkeypatch):
         raise LeftOut("enough")
 
     monkeypatch.setattr("learning.prediction.rivals.follow", follow)
-    case = SimpleNamespace(scene=pressed(), steps=30)
+    case = SimpleNamespace(scene=pressed(), steps=60)
     for each in module.predictors({}):
         if each.kind in ("fe", "reference"):
             name = each.name
             with pytest.raises(LeftOut):
                 each.predict(case)
     assert asked == {
-        "FE, cells halved": ((6, 2, 2), 30, TOLERANCE, "neo-hookean"), "FE, cells halved twice": ((3, 2, 2), 30, TOLERANCE, "neo-hookean"),
-        "FE, a tenth of the steps": ((12, 4, 4), 3, TOLERANCE, "neo-hookean"), "FE, tolerance 0.01": ((12, 4, 4), 30, 0.01, "neo-hookean"),
-        "FE, cells halved, a tenth of the steps": ((6, 2, 2), 3, TOLERANCE, "neo-hookean"),
-        "FE, linear elasticity": ((12, 4, 4), 30, TOLERANCE, "linear"), REFERENCE: ((12, 4, 4), 30, TOLERANCE, "neo-hookean")}
+        "FE, cells halved": ((6, 2, 2), 60, TOLERANCE, "neo-hookean"), "FE, cells halved twice": ((3, 2, 2), 60, TOLERANCE, "neo-hookean"),
+        "FE, a tenth of the steps, tolerance 0.001": ((12, 4, 4), 6, 1e-3, "neo-hookean"),
+        "FE, a twentieth of the steps, tolerance 0.01": ((12, 4, 4), 3, 1e-2, "neo-hookean"),
+        "FE, tolerance 0.01": ((12, 4, 4), 60, 0.01, "neo-hookean"),
+        "FE, cells halved, a tenth of the steps": ((6, 2, 2), 6, TOLERANCE, "neo-hookean"),
+        "FE, linear elasticity": ((12, 4, 4), 60, TOLERANCE, "linear"), REFERENCE: ((12, 4, 4), 60, TOLERANCE, "neo-hookean")}
 
 
 def test_two_kinds_of_newton_are_one_step_and_the_whole_iteration(monkeypatch):
@@ -151,7 +154,7 @@ def test_a_scene_file_is_one_case_and_a_folder_a_set(reported, tmp_path):
     assert module.compare("a.toml", ["runs/x"], str(tmp_path), repeats=7, say=print) == {"summary": "words"}
     assert reported["cases"] == ["scene", "a.toml"] and reported["out"] == tmp_path and reported["title"] == "Speed against error"
     assert (reported["refined"], reported["repeats"], reported["say"]) == (2, 7, print)  # all cases, here "two", are solved finer
-    assert list(reported["runs"]) == ["runs/x"] and reported["names"][0] == "M4GN" and len(reported["names"]) == 15
+    assert list(reported["runs"]) == ["runs/x"] and reported["names"][0] == "M4GN" and len(reported["names"]) == 16
     module.compare("B.TOML", [], tmp_path)
     assert reported["cases"] == ["scene", "B.TOML"] and (reported["repeats"], reported["say"], reported["runs"]) == (3, None, {})
     module.compare("data", [], tmp_path, count=9, split="valid", refined=0)

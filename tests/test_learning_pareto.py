@@ -271,3 +271,26 @@ def test_what_is_brought_along_is_a_labelled_point_or_without_a_time_a_line_with
     assert "mine" in {text.get_text() for text in axes.texts} and "untimed" not in {text.get_text() for text in axes.texts}
     assert {line.get_ydata()[0]: line.get_label() for line in axes.lines}[2.0] == "untimed: its time is not known"
     assert "untimed" not in [each.name for each in front([*rows(), row("untimed", "foreign", math.nan, 1e-9)])]
+
+
+def spread(name: str, kind: str, factor: float = 1.0) -> Row:
+    """Five trajectories with times 1 .. 5 ms and errors 1 .. 16 um, not in one order."""
+    each = tuple({"ms_per_step": factor * ms, "rmsd_all": 1e-6 * um} for ms, um in ((2, 16), (5, 1), (1, 4), (4, 2), (3, 8)))
+    return replace(row(name, kind, 3.0 * factor, 6.2e-6), each=each)
+
+
+def test_from_four_trajectories_on_a_cross_has_medians_and_quartiles():
+    found = lines(drawn([spread("a", "learned")]), 2)
+    assert found[(2.0, 4.0)] == pytest.approx([4e-3, 4e-3]) and found[(3.0, 3.0)] == pytest.approx([2e-3, 8e-3])
+    few = replace(spread("a", "learned"), each=spread("a", "learned").each[:3])
+    assert (3.0, 3.0) not in lines(drawn([few]), 2)
+
+
+def test_what_is_learned_has_a_front_of_its_own_where_something_else_beats_it():
+    alone = drawn([row("a", "learned", 1.0, 1e-3), row("b", "learned", 2.0, 5e-4)])
+    assert [line.get_label() for line in alone.lines if line.get_drawstyle() == "steps-post"] == [
+        "front: nothing is both faster and closer"]
+    axes = drawn([row("a", "learned", 1.0, 1e-3), row("b", "learned", 2.0, 5e-4), row("c", "learned", 3.0, 6e-4),
+                  row("d", "fe", 0.5, 7e-4)])
+    step = next(line for line in axes.lines if line.get_label() == "front of what is learned")
+    assert list(step.get_xdata()) == [1, 2] and list(step.get_ydata()) == pytest.approx([1, 0.5]) and step.get_drawstyle() == "steps-post"

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from datagen.files.trajectory import at_rest
+from learning.bodies.at_once import path_of
 from learning.prediction.rollout import predict_step, rollout
 from learning.slender.beam import see
 from learning.slender.features import shown
-from learning.slender.path import knots, path_of, predict
+from learning.slender.path import knots, predict
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from tests.slender import predictor, scene

@@ -128,6 +128,7 @@ def in_a_child(arguments, told):
             handle = os.open(told, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(handle, 1)
             os.dup2(handle, 2)
+            sys.stdout = sys.stderr = os.fdopen(handle, "w")  # in place of those that pytest captures
             status = fidelity.main(arguments)
         except BaseException:
             traceback.print_exc()

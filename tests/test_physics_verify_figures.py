@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from physics.fidelity.figures import gathered
-from physics.fidelity.verify import Checker, as_table, verify
+from physics.fidelity.verify import Checker, Reference, as_table, verify
 from physics.mesh.build import build_mesh
 from physics.mesh.shapes.boxes import rectangle
 from physics.scene import Body
@@ -161,6 +161,19 @@ def test_shape_of_the_cells_is_judged_in_every_frame(planes):
     assert fidelity.smallest_scaled_jacobian == pytest.approx(jacobian.min())
     assert fidelity.inverted_elements == 2  # at frame 5; one at frames 2 and 6
     assert fidelity.worst_step == 5
+
+
+def test_on_request_the_mesh_is_judged_at_a_few_frames_and_one_reference_serves_many_predictions(planes):
+    """Of frames 1, 4 and 7 none is inside out; all else is as of every frame."""
+    whole, mesh, plane, scene = planes
+    reference = Reference(moved(TRUE, plane), scene, mesh, plane > 0, sample=3, shapes=3)
+    reference.verify(0 * moved(TRUE, plane))
+    some = reference.verify(moved(PREDICTED, plane))
+    alone = verify(*(moved(strains, plane)[[0, 1, 4, 7]] for strains in (PREDICTED, TRUE)), scene=None, mesh=mesh, free=plane > 0)
+    shape = ("gf_h", "gf_c", "mc", "ar", "smallest_det_f", "smallest_scaled_jacobian", "inverted_elements")
+    assert [getattr(some, name) for name in shape] == [getattr(alone, name) for name in shape]
+    assert some.inverted_elements == 0 and whole.inverted_elements == 2
+    assert {k: v for k, v in as_table(some).items() if k not in shape} == {k: v for k, v in as_table(whole).items() if k not in shape}
 
 
 def test_the_report_is_the_figures_under_their_names(planes):

@@ -38,10 +38,10 @@ class Sections(nn.Module):
 
     def __init__(self, config: SectionsConfig, pose: int, section: int) -> None:
         super().__init__()
-        self.pose = _mlp(pose, config.pose_hidden, config.pose_layers)
+        self.pose = mlp(pose, config.pose_hidden, config.pose_layers)
         self.to_section = nn.Linear(config.pose_hidden, config.hidden)
         self.section = nn.Linear(section, config.hidden, bias=False)
-        self.decode = nn.Sequential(nn.SiLU(), _mlp(config.hidden, config.hidden, config.layers), nn.Linear(config.hidden, OUTPUTS))
+        self.decode = nn.Sequential(nn.SiLU(), mlp(config.hidden, config.hidden, config.layers), nn.Linear(config.hidden, OUTPUTS))
         self.doubt = nn.Linear(config.pose_hidden, 1)
 
     def forward(self, pose: Tensor, section: Tensor, owner: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -51,6 +51,6 @@ class Sections(nn.Module):
         return self.decode(self.section(section) + (given[:, None] if owner is None else given[owner])), self.doubt(known)[:, 0]
 
 
-def _mlp(inputs: int, hidden: int, layers: int) -> nn.Sequential:
+def mlp(inputs: int, hidden: int, layers: int) -> nn.Sequential:
     sizes = [inputs] + [hidden] * layers
     return nn.Sequential(*(part for a, b in pairwise(sizes) for part in (nn.Linear(a, b), nn.SiLU())))

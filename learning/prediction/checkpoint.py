@@ -20,13 +20,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from learning.bodies.at_once import AtOnce, is_at_once, load_at_once
 from learning.config import TrainConfig
 from learning.devices import device_of
 from learning.networks.kinds import build
 from learning.networks.stored import read_stored, under, write_stored
 from learning.prediction.memory import keep_freed_memory
 from learning.samples.samples import Normaliser
-from learning.slender.model import Slender, is_slender, load_slender
 from physics.schema import InputError, read_table
 
 
@@ -103,8 +103,8 @@ def load_weights(network: torch.nn.Module, saved: Checkpoint, path: str | Path) 
         raise InputError(f"{path}: its weights do not fit its config: {lines[min(1, len(lines) - 1)]}") from None
 
 
-def load_model(run: str | Path, device: str = "cpu") -> Model | Slender:
-    """The best network of a run folder, on a device (devices.py; a predictor of beams stays on the processor).
+def load_model(run: str | Path, device: str = "cpu") -> Model | AtOnce:
+    """The best network of a run folder, on a device (devices.py; a predictor of all frames at once stays on the processor).
 
     Raises `InputError` when the folder holds no whole one, or the device is not there.
     """
@@ -112,8 +112,8 @@ def load_model(run: str | Path, device: str = "cpu") -> Model | Slender:
     path = Path(run) / "model.safetensors"
     about, _ = read_stored(path)
     keep_freed_memory()
-    if is_slender(about):
-        return load_slender(run)
+    if is_at_once(about):
+        return load_at_once(run, about)
     saved = read_checkpoint(path)
     config = read_table(TrainConfig, saved.about.get("config"), f"{path}: config")
     network = build(config.network)

@@ -64,6 +64,7 @@ class Prediction:
     path: (T, N, 3) displacements
     one_step: (T - 1, N, 3) predictions of frames 1 .. T - 1, each from the true frame before; None when it starts from none
     seconds: processor time of all steps; set_up: before the first one, spent anew on each scene
+    wall: time of both by the clock on the wall, where it is known
     iterations: Newton steps in all, where there are any
     bar, unsure: (T,) error bar [m] of each frame, and whether the predictor says that it does not know; None where it cannot say
     """
@@ -72,6 +73,7 @@ class Prediction:
     one_step: Floats | None = None
     seconds: float
     set_up: float = 0.0
+    wall: float = np.nan
     iterations: int | None = None
     bar: Floats | None = None
     unsure: NDArray[np.bool_] | None = None

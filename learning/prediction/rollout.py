@@ -21,20 +21,19 @@ import torch
 from numpy.typing import NDArray
 
 from datagen.files.trajectory import Trajectory
+from learning.bodies.at_once import AtOnce, path_of, rolled_out
 from learning.graphs.graph import join
 from learning.networks.blocks import products
 from learning.prediction.checkpoint import Model
 from learning.samples.estimate import estimate
 from learning.samples.samples import Example, build_example, describe
-from learning.slender.model import Slender
-from learning.slender.path import path_of, rolled_out
 
 BATCH = 8  # poses at a time
 # Takes displacements (N, 3) of the body [m] and the number of their frame, and gives better ones.
 Correction = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 
-def rollout(model: Model | Slender, trajectory: Trajectory, *, correct: Correction | None = None) -> Trajectory:
+def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correction | None = None) -> Trajectory:
     """The predicted trajectory, from the rest state to the last frame.
 
     Args:
@@ -49,8 +48,8 @@ def rollout(model: Model | Slender, trajectory: Trajectory, *, correct: Correcti
         FloatingPointError: a position that is not finite, with the step
         InputError: a mesh that cannot be segmented, or for a predictor of beams a scene that is none
     """
-    if isinstance(model, Slender):
-        return _slender_rollout(model, trajectory, correct)
+    if isinstance(model, AtOnce):
+        return _rolled_out_at_once(model, trajectory, correct)
     example = build_example(_blind(trajectory), replace(model.config, estimate=False))
     start = time.perf_counter()  # segments are set up before, estimates are a part of predicting
     if model.config.estimate:
@@ -62,11 +61,11 @@ def rollout(model: Model | Slender, trajectory: Trajectory, *, correct: Correcti
                    extra={"run": model.name, "seconds_per_step": seconds})
 
 
-def _slender_rollout(model: Slender, trajectory: Trajectory, correct: Correction | None) -> Trajectory:
+def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correction | None) -> Trajectory:
     """All frames at once; each is then corrected by itself."""
     start, body = time.perf_counter(), trajectory.body
     path = path_of(model, trajectory)
-    displacement = rolled_out(model, trajectory, path)
+    displacement = rolled_out(trajectory, path)
     if correct is not None:
         for frame in range(1, len(displacement)):
             displacement[frame, body] = correct(displacement[frame, body].astype(np.float64), frame)
@@ -104,12 +103,12 @@ def walk(model: Model, example: Example, correct: Correction | None = None, *,
     return predicted
 
 
-def predict_step(model: Model | Slender, trajectory: Trajectory, *, batch_size: int = 8) -> NDArray[np.float32]:
+def predict_step(model: Model | AtOnce, trajectory: Trajectory, *, batch_size: int = 8) -> NDArray[np.float32]:
     """(T - 1, N, 3) displacement one step after each true frame 0 .. T - 2; prescribed nodes as given."""
     true, free = trajectory.displacement, trajectory.free
     predicted = true[1:].copy()
-    if isinstance(model, Slender) or model.config.scheme == "pose":
-        poses = (rolled_out(model, trajectory, path_of(model, trajectory)) if isinstance(model, Slender)
+    if isinstance(model, AtOnce) or model.config.scheme == "pose":
+        poses = (rolled_out(trajectory, path_of(model, trajectory)) if isinstance(model, AtOnce)
                  else walk(model, build_example(_blind(trajectory), model.config))).astype(np.float64)
         predicted[:, free] = true[:-1, free] + (poses[1:] - poses[:-1])[:, free]
         return predicted

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.files.trajectory import Trajectory
+from learning.bodies.at_once import AtOnce
+from learning.bodies.at_once import predict as predict_path
 from learning.prediction.checkpoint import Model
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.prediction.rollout import predict_step, rollout
 from learning.samples.estimate import estimator_of
-from learning.slender.model import Slender
-from learning.slender.path import predict as predict_path
 from physics.equilibrium.state import NoEquilibrium
 from physics.fidelity.correct import Corrector
 from physics.mesh.mesh import Mesh
@@ -29,10 +29,10 @@ from physics.scene import Scene
 from physics.schema import InputError
 
 
-def learned(model: Model | Slender, name: str = "M4GN", *, single_steps: bool = True) -> Predictor:
+def learned(model: Model | AtOnce, name: str = "M4GN", *, single_steps: bool = True) -> Predictor:
     """The network's own rollout, and with it single steps from true states, whose time does not count."""
-    if isinstance(model, Slender):
-        return _of_beams(model, name, single_steps)
+    if isinstance(model, AtOnce):
+        return _at_once(model, name, single_steps)
 
     def predict(case: Case) -> Prediction:
         modes = _modes_seconds(model, case)
@@ -49,13 +49,13 @@ def learned(model: Model | Slender, name: str = "M4GN", *, single_steps: bool = 
     return Predictor(name, "learned", predict)
 
 
-def _of_beams(model: Slender, name: str, single_steps: bool) -> Predictor:
-    """A predictor of beams. It takes a scene and the mesh's nodes as the solver does, and nothing is set up before."""
+def _at_once(model: AtOnce, name: str, single_steps: bool) -> Predictor:
+    """A predictor of all frames at once. It takes a scene and its mesh as the solver does, and nothing is set up before."""
 
     def predict(case: Case) -> Prediction:
         start = time.process_time()
         try:
-            path = predict_path(model, case.scene, case.mesh.points)
+            path = predict_path(model, case.scene, case.mesh)
         except InputError as error:
             raise LeftOut(str(error)) from None
         seconds = time.process_time() - start
@@ -65,7 +65,7 @@ def _of_beams(model: Slender, name: str, single_steps: bool) -> Predictor:
     return Predictor(name, "learned", predict)
 
 
-def corrected(model: Model | Slender, count: int | None, name: str = "M4GN") -> Predictor:
+def corrected(model: Model | AtOnce, count: int | None, name: str = "M4GN") -> Predictor:
     """Each predicted frame followed by Newton steps for `count` orders of magnitude of its error, or to the solver's tolerance (None);
     the rollout goes on from there."""
 
@@ -98,7 +98,7 @@ def estimated(name: str, *, rough: bool = False) -> Predictor:
     return Predictor(name, "reduced", predict)
 
 
-def corrected_rollout(model: Model | Slender, trajectory: Trajectory, scene: Scene, mesh: Mesh,
+def corrected_rollout(model: Model | AtOnce, trajectory: Trajectory, scene: Scene, mesh: Mesh,
                       count: int | None) -> tuple[Trajectory, Corrector]:
     """The rollout of which each frame is corrected before the next one is predicted, and the corrector.
 
@@ -130,9 +130,9 @@ def _split(predicted: Trajectory, start: float, began: float) -> tuple[float, fl
     return share * whole, (1 - share) * whole
 
 
-def _modes_seconds(model: Model | Slender, case: Case) -> float:
+def _modes_seconds(model: Model | AtOnce, case: Case) -> float:
     """What the elastic mode costs that the segments need; the file brings it along, another scene would not."""
-    if isinstance(model, Slender) or case.known is None or not model.config.network.wants.segments:
+    if isinstance(model, AtOnce) or case.known is None or not model.config.network.wants.segments:
         return 0.0
     if "md" not in model.config.method or model.config.modes != "elastic":
         return 0.0

@@ -15,18 +15,19 @@ import torch
 from datagen.files.solved import as_solved, solved_on
 from datagen.sets.dataset import files
 from datagen.sets.generate import trajectory_of
+from learning.bodies.at_once import AtOnce
 from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.foreign import Own
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, elements, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
+from learning.report.cost import called
 from learning.report.evaluate import evenly, load_cases, own_predictors, report_on
 from learning.report.table import KINDS
-from learning.slender.model import Slender
 from physics.scene import load_solid
 from physics.schema import InputError, nearest
 
-LOOSE = 1e-2  # residual over reaction
+CLOSE, LOOSE = 1e-3, 1e-2  # residual over reaction
 
 
 def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, count: int = 5, split: str = "test",
@@ -89,15 +90,17 @@ def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:
     return load_cases([found[i] for i in evenly(count, len(found))])
 
 
-def predictors(models: dict[str, Model | Slender]) -> list[Predictor]:
+def predictors(models: dict[str, Model | AtOnce]) -> list[Predictor]:
     """All of them, learned ones first; with several runs these carry the names of their folders."""
-    names = {run: model.title if len(models) == 1 else f"{model.title} {Path(run).name}" for run, model in models.items()}
+    names = called(models)
     if len(set(names.values())) < len(names):
         raise InputError(f"--run: the folders {', '.join(models)} must have different names, by which the report calls them")
     rungs = [predictor for run, model in models.items()
              for predictor in (learned(model, names[run]), corrected(model, 1, names[run]), corrected(model, None, names[run]))]
     return [*rungs, *trivial(),
             elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2),
-            elements("FE, a tenth of the steps", fewer=10), elements(f"FE, tolerance {LOOSE:g}", tolerance=LOOSE),
+            elements(f"FE, a tenth of the steps, tolerance {CLOSE:g}", fewer=10, tolerance=CLOSE),
+            elements(f"FE, a twentieth of the steps, tolerance {LOOSE:g}", fewer=20, tolerance=LOOSE),
+            elements(f"FE, tolerance {LOOSE:g}", tolerance=LOOSE),
             elements("FE, cells halved, a tenth of the steps", halvings=1, fewer=10), elements("FE, linear elasticity", law="linear"),
             estimated("reduced-order model"), estimated("reduced-order model, few poses", rough=True), elements(REFERENCE)]

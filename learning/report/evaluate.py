@@ -24,23 +24,24 @@ from tqdm import tqdm
 
 from datagen.files.prediction import read_reference
 from datagen.files.provenance import commit, processor, versions
+from learning.bodies.at_once import AtOnce
 from learning.networks.stored import read_stored
 from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.foreign import Own, from_folder, from_function
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
+from learning.report.cost import cost_said, paid_back, payback_said
 from learning.report.differences import differing, spread_said
-from learning.report.measure import Measurement, measure
+from learning.report.measure import LONG, Measurement, measure
 from learning.report.report import write_report
 from learning.report.shown import exhibits, worst_frames
 from learning.report.table import JUDGED, Report, Row
 from learning.samples.seen import Seen, outside, read_seen
-from learning.slender.model import Slender
 from physics.schema import InputError, to_table
 from physics.view import ObstacleSurface, frame_picture
 
-SAMPLE = 25  # frames of a trajectory at which the equations are checked
+SAMPLE = 25  # frames of a trajectory at which equations and the deformed mesh are checked
 
 
 def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, correct: int = 1, refined: int = 1,
@@ -94,9 +95,9 @@ def own_predictors(predictions: Sequence[Sequence[str]], functions: Sequence[Own
     return [predictor for predictor, _ in found], {predictor.name: said for predictor, said in found}
 
 
-def has_estimate(model: Model | Slender) -> bool:
+def has_estimate(model: Model | AtOnce) -> bool:
     """Whether a network corrects an estimate, which predicts by itself too."""
-    return not isinstance(model, Slender) and model.config.estimate
+    return not isinstance(model, AtOnce) and model.config.estimate
 
 
 def load_cases(files: Sequence[str | Path]) -> list[Case]:
@@ -110,7 +111,7 @@ def evenly(count: int, of: int) -> list[int]:
     return found
 
 
-def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model | Slender],
+def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path, *, title: str, runs: dict[str, Model | AtOnce],
               refined: int, repeats: int = 1, about: dict[str, str] | None = None,
               say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Measure predictors on cases and write the report folder; gives the content of report.json and "report", the folder.
@@ -120,18 +121,18 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     names = [predictor.name for predictor in predictors]
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(f"two predictors are called {twice[0]!r}: give each a name of its own")
-    known = {run: read_seen(run) for run in runs}
+    spans = [span for run in runs if (span := read_seen(run)) is not None]
     if cases[0].known is not None:
         warm_up(cases[0])
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
         found = measure(predictors, cases, sample=SAMPLE, refined=evenly(refined, len(cases)), repeats=repeats, on_done=bar.update)
     out.mkdir(parents=True, exist_ok=True)
-    spans = [span for span in known.values() if span is not None]
     apart = _apart(runs)
     found.rows = [replace(row, about=next((words for run, words in apart.items() if row.kind == "learned"
                                            and row.name.endswith(f" {Path(run).name}")), "")) for row in found.rows]
+    found.rows = paid_back(found.rows, runs)
     seeds_alone = bool(apart) and all(words.startswith("seed ") and "," not in words for words in apart.values())
-    spread = spread_said(found.rows, chance=seeds_alone)
+    spread = [*spread_said(found.rows, chance=seeds_alone), *payback_said(found.rows)]
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
                     outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
                     facts=_facts(runs, cases, found, repeats) | (about or {}),
@@ -143,7 +144,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     return {**content, "report": str(out)}
 
 
-def _apart(runs: dict[str, Model | Slender]) -> dict[str, str]:
+def _apart(runs: dict[str, Model | AtOnce]) -> dict[str, str]:
     """In what several runs differ: config, weights and trained steps; empty for one."""
     if len(runs) < 2:
         return {}
@@ -184,11 +185,11 @@ def _pictures(out: Path, found: Measurement) -> list[tuple[str, str]]:
     return pictures
 
 
-def _facts(runs: dict[str, Model | Slender], cases: Sequence[Case], found: Measurement, repeats: int) -> dict[str, str]:
+def _facts(runs: dict[str, Model | AtOnce], cases: Sequence[Case], found: Measurement, repeats: int) -> dict[str, str]:
     nodes = sorted({len(case.mesh.points) for case in cases})
     libraries = {"torch": torch.__version__, "pyvista": version("pyvista"), **versions()}
     threads = ", ".join(f"{name} {os.environ.get(name, 'not set')}" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"))
-    timed = "each prediction timed once" if repeats == 1 else f"medians of {repeats} predictions, one for those of more than 10 s"
+    timed = "each prediction timed once" if repeats == 1 else f"medians of {repeats} predictions, one for those of more than {LONG:g} s"
     facts = {
         "test trajectories": f"{len(cases)}: {', '.join(case.name for case in cases)}; {_range(nodes)} nodes, "
                              f"{_range(sorted({case.steps for case in cases}))} steps; free nodes are those that neither a "
@@ -199,15 +200,15 @@ def _facts(runs: dict[str, Model | Slender], cases: Sequence[Case], found: Measu
     for run, model in runs.items():
         about, _ = read_stored(Path(run) / "model.safetensors")
         facts[f"network {Path(run).name}"] = (
-            f"{model.title} from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
-            f"{about['seconds']:.0f} s, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
+            f"{model.title} from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps, "
+            f"{cost_said(about)}; of the steps, step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
     return facts | {
         "truth": "the files: they hold no scene, so there are no equations to check, and no reference that could be solved again"
                  if any(case.known is None for case in cases) else
                  f"first-order {_words(case.mesh.cell + 's' for case in cases)}, "
                  f"{_words(material.law for case in cases for material in case.scene.materials)}; "
                  f"solved again here, it differs from the files by {1e3 * found.solved_again:.1e} mm at most (they hold 32-bit numbers)",
-        "equations": f"checked at up to {SAMPLE} frames of each trajectory, everything else at all frames",
+        "equations and mesh": f"checked at up to {SAMPLE} frames of each trajectory; errors and penetration at all frames",
         "machine": f"{processor()}, {os.cpu_count()} cores; {platform.platform()}",
         "threads": f"PyTorch {torch.get_num_threads()}; {threads}; the FE solver runs in one process",
         "versions": ", ".join(f"{name} {number}" for name, number in libraries.items()),
@@ -216,7 +217,7 @@ def _facts(runs: dict[str, Model | Slender], cases: Sequence[Case], found: Measu
     }
 
 
-def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | Slender], spans: Sequence[Seen]) -> list[str]:
+def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | AtOnce], spans: Sequence[Seen]) -> list[str]:
     notes = [
         "The truth has an error of its own, that of its mesh. An error below it means that the truth is imitated well, not that "
         "the body is known better.",

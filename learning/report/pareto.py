@@ -22,6 +22,7 @@ PLACES = [((x * far, y * far), {-1: "right", 0: "center", 1: "left"}[x], {-1: "t
                                      ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 0), (-1, 0), (0, 1), (0, -1)))]
 ACROSS, UP = {"left": 0.0, "center": 0.5, "right": 1.0}, {"bottom": 0.0, "center": 0.5, "top": 1.0}  # share of the box before it
 LONGEST = 48  # letters of a label
+FEWEST = 4  # trajectories of which a spread is shown
 GROWTHS = 8  # of the picture's height, by a quarter each: then there is room for some hundred labels
 
 
@@ -42,7 +43,8 @@ def front(rows: list[Row], error: str = "rmsd_all") -> list[Row]:
 
 
 def pareto_picture(path: Path, rows: list[Row]) -> None:
-    """Write the picture as PNG. A bar leads from each point to its time without set-up.
+    """Write the picture as PNG. A point is a mean over the trajectories; a bar leads from it to its time without set-up, and a thin cross
+    has the medians and quartiles of the trajectories.
 
     Against the data the reference has no error and is a line at its time; against finer cells it is a point like all others,
     and a line shows its error: what lies on that line knows the body as well as the data do.
@@ -54,10 +56,15 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
     to = "the scene on cells of half the size" if error == "rmsd_refined" else "the data"
     axes.set(xscale="log", yscale="log", xlabel="processor time per step [ms], set-up included (end of the bar: excluded)",
              ylabel=f"RMSD to {to}, whole rollouts, free nodes [mm]")
+    _spread(axes, rows, error)
     points = {row.name: (row.ms_per_step, 1e3 * row.scores[error]) for row in rows if row.scores[error] > 0 and row.ms_per_step > 0}
     best = [points[row.name] for row in front(rows, error) if row.name in points]
     axes.step([x for x, _ in best], [y for _, y in best], where="post", color="#dcdcdc", lw=6, zorder=1,
               label="front: nothing is both faster and closer")
+    learned = [points[row.name] for row in front([row for row in rows if row.kind == "learned"], error) if row.name in points]
+    if learned and learned != best:
+        axes.step([x for x, _ in learned], [y for _, y in learned], where="post", color=COLOURS["learned"], lw=1.8, alpha=0.4, zorder=1.5,
+                  label="front of what is learned")
     for row in rows:
         colour = COLOURS[row.kind]
         if row.name in points:
@@ -87,6 +94,18 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
     else:
         _label(axes, labels)
     figure.savefig(path)
+
+
+def _spread(axes: Any, rows: list[Row], error: str) -> None:
+    """Between the quartiles of the trajectories a bar in time and one in error, which cross where their medians are; of a few it says
+    nothing."""
+    for row in rows:
+        each = np.array([(one.get("ms_per_step", math.nan), 1e3 * one.get(error, math.nan)) for one in row.each])
+        if len(each) < FEWEST or not np.isfinite(each).all() or not (each > 0).all():
+            continue
+        (low, bottom), (x, y), (high, top) = np.quantile(each, [0.25, 0.5, 0.75], axis=0)
+        for across, up in (([low, high], [y, y]), ([x, x], [bottom, top])):
+            axes.plot(across, up, color=COLOURS[row.kind], lw=1.0, zorder=2, marker="|" if across[0] != across[1] else "_", ms=5)
 
 
 def _label(axes: Any, labels: list[tuple[str, tuple[float, float], str]]) -> bool:

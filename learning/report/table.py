@@ -60,17 +60,24 @@ TIME = {
     "ms_per_step": Column(
         "time", "ms/step", "ms", 1, "processor time on this machine over the number of steps, set-up included"),
     "ms_per_step_alone": Column("time, set-up excluded", "ms/step", "ms", 1, "the same of the steps alone"),
+    "wall_ms_per_step": Column("by the clock", "ms/step", "ms", 1, "the first by the clock on the wall: longer where the machine is busy "
+                               "with other work"),
     "seconds": Column("time of a trajectory", "s", "s", 1, "processor time of all steps and the set-up"),
     "set_up_seconds": Column(
         "set-up", "s", "s", 1,
         "what a new scene costs before its first step. Finite elements: mesh, supports, contact surface, storage. Learned "
         "simulator: the elastic mode and the segments made from it. Loading weights and compiled forms is no part of it"),
+    "paid_back": Column(
+        "paid back after", "scenes", "1", 1,
+        "so many scenes solved by the reference take longer than as many predicted ones by the time of the training and of its data, "
+        "as the run tells them"),
 }
 ERROR = figures.ERROR | {
     "rmsd_refined": Column(
         "to finer cells", "mm", "m", 1e3,
         "the same against the scene solved on cells of half the size, at about 40 of the frames; <b>free</b> nodes. The "
         "reference's own figure is the error of the data"),
+    "of_motion": Column("of the motion", "", "1", 1, "RMSE-all over the root mean square displacement of the same nodes and steps"),
     "below_data": Column(
         "below the data's error", "", "1", 1,
         "share of these frames in which the distance to the data is smaller than that of the data to the finer solution"),

@@ -1,14 +1,15 @@
 """How far off a frame may be: the network's own expectation, stretched until it holds on beams that it was not trained on.
 
-The network says for each pose which error s it expects, from the errors that it makes in training; on other beams they are larger. With
-the true errors e of n validation frames, e / s is taken as it comes, and the error bar of a new frame is
+The network says for each pose which error s it expects, from the errors that it makes in training; on other bodies they are larger. With
+the true errors e of frames of k validation trajectories, the error bar of a new frame is
 
-    q s,    q = the ceil((n + 1) c)-th smallest e / s
+    q s,    q the smallest number for which the mean over trajectories of their shares of frames with e / s <= q reaches c
 
-which covers the share c of new frames drawn like those (split conformal prediction). Frames of one beam are alike, so what counts is the
-number of beams rather than of frames: the share that is covered varies from one set of beams to another by about sqrt(c (1 - c) / beams).
+which covers about the share c of the frames of new trajectories drawn like those (conformal prediction with pooled distributions).
+Frames of one trajectory are right or wrong together, so each trajectory counts alike, however many frames it has; and the share that is
+covered varies from one set of k trajectories to another by up to sqrt(c (1 - c) / k), 9 % for a dozen and 3 % for a hundred of them.
 
-Source: Vovk, Gammerman, Shafer, Algorithmic Learning in a Random World (2005); Lei et al., J. Am. Stat. Assoc. 113 (2018).
+Source: Dunn, Wasserman, Ramdas, Distribution-free prediction sets for two-layer hierarchical models, J. Am. Stat. Assoc. 118 (2023).
 """
 
 from __future__ import annotations
@@ -20,11 +21,16 @@ import torch
 from torch import Tensor
 
 
-def stretch(errors: Tensor, expected: Tensor, coverage: float) -> float:
-    """q of the module for errors (n,) and what was expected of them (n,), both above 0; infinite for too few to cover so many."""
-    ratio = torch.sort(errors / expected).values
-    rank = math.ceil((len(ratio) + 1) * coverage)
-    return math.inf if rank > len(ratio) else float(ratio[rank - 1])
+def stretch(errors: Sequence[Tensor], expected: Sequence[Tensor], coverage: float) -> float:
+    """q of the module for errors and what was expected of them, both above 0, of each trajectory; infinite where that were below 1 in
+    1 - coverage trajectories: so few cannot tell."""
+    if len(errors) * (1 - coverage) < 1 - 1e-9:
+        return math.inf
+    ratio = torch.cat([error / bar for error, bar in zip(errors, expected, strict=True)]).double()
+    share = torch.cat([torch.full((len(error),), 1 / (len(error) * len(errors)), dtype=torch.float64) for error in errors])
+    order = torch.argsort(ratio)
+    reached = share[order].cumsum(0) >= coverage - 1e-12
+    return float(ratio[order[int(reached.int().argmax())]])
 
 
 def covered(errors: Sequence[Tensor], bars: Sequence[Tensor]) -> float:

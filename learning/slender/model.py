@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from learning.config import SlenderConfig
 from learning.networks.sections import Sections
@@ -77,13 +77,14 @@ def scaled(features: Tensor, scale: Tensor) -> Tensor:
     return ((features - scale[0]) / scale[1]).clamp(-FARTHEST, FARTHEST)
 
 
-def is_slender(about: dict[str, Any]) -> bool:
-    """Whether a checkpoint's header is that of a predictor of beams."""
-    config = about.get("config")
-    return isinstance(config, dict) and isinstance(config.get("network"), dict) and config["network"].get("kind") == "sections"
+class Stored(Protocol):
+    """Scales that are stored."""
+
+    def tensors(self) -> dict[str, Tensor]:
+        """By name."""
 
 
-def state_of(network: Sections, scales: Scales) -> dict[str, Tensor]:
+def state_of(network: nn.Module, scales: Stored) -> dict[str, Tensor]:
     """What predicts, as tensors by name."""
     return ({f"weights.{name}": value for name, value in network.state_dict().items()}
             | {f"scales.{name}": value for name, value in scales.tensors().items()})

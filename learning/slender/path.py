@@ -21,7 +21,6 @@ import torch
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from datagen.files.trajectory import Trajectory
 from learning.slender.beam import Beam, see
 from learning.slender.features import shown
 from learning.slender.model import Slender
@@ -83,21 +82,3 @@ def check_points(beam: Beam, points: Floats) -> None:
     if sides is None or not all(np.allclose(side, np.linspace(0, length, n + 1), atol=1e-9 * extent[0])
                                 for side, length, n in zip(sides, extent, cells, strict=True)):
         raise InputError("the mesh is not the one that its scene builds")
-
-
-def path_of(model: Slender, trajectory: Trajectory) -> Path:
-    """The path of a trajectory file's scene. Raises `InputError` as `predict` does, and where the file holds no scene."""
-    if not trajectory.scene:
-        raise InputError("holds no scene, which tells a predictor of beams what presses on what")
-    path = predict(model, Scene.from_toml(trajectory.scene), trajectory.points[trajectory.body])
-    if len(path.bar) != len(trajectory.displacement):
-        raise InputError(f"has {len(trajectory.displacement)} frames, its scene {len(path.bar)}")
-    return path
-
-
-def rolled_out(model: Slender, trajectory: Trajectory, path: Path) -> NDArray[np.float32]:
-    """(T, nodes, 3) displacement of all nodes: free ones as predicted, the others as given."""
-    displacement = trajectory.displacement.copy()
-    displacement[:, trajectory.free] = path.displacement[:, trajectory.free[trajectory.body]]
-    return displacement
-

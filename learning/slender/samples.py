@@ -35,7 +35,7 @@ class Sample:
     target: (P, S, 18) [m] coefficients less those of the base
     left: (P,) [m2] mean square distance over free nodes of what coefficients leave out; share: nodes over free nodes
     motion: [m] root mean square displacement of the free nodes
-    told: the trajectory's description, see samples/seen.py
+    told: the trajectory's description, see samples/seen.py; seconds: that it took to be made, where that is known
     """
 
     pose: Tensor
@@ -49,6 +49,7 @@ class Sample:
     motion: float
     told: dict[str, Value]
     digest: str
+    seconds: float = 0.0
 
     def error(self, answer: Tensor) -> Tensor:
         """(P,) [m] root mean square distance of the free nodes for answers (P, S, 18) [m] in place of the target."""
@@ -94,7 +95,8 @@ def sample_of(trajectory: Trajectory, frames: int) -> Sample | None:
     digest = hashlib.sha256(np.ascontiguousarray(trajectory.displacement, "<f4").tobytes()).hexdigest()
     return Sample(seen.pose.float(), shown(beam.mirrored(), picked / last).pose.float(), seen.section.float(), seen.unit.float(),
                   seen.depth.float(), target.flatten(2).float(), torch.from_numpy(left).float(), len(free) / int(free.sum()),
-                  float(np.sqrt((truth[:, free] ** 2).sum(axis=2).mean())), description(trajectory), digest)
+                  float(np.sqrt((truth[:, free] ** 2).sum(axis=2).mean())), description(trajectory), digest,
+                  float(trajectory.extra.get("seconds", 0.0)))
 
 
 def seen_of(sample: Sample) -> Seen:

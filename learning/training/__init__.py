@@ -4,6 +4,9 @@
     curve       what a training says of itself as it goes
     run         a training between two steps: begun, resumed, kept
     train       the loop
-    sections    the loop of a predictor of beams
+    poses       the loop of predictors that know all poses of a path at once
+    sections    what a predictor of beams learns from
+    shapes      what a predictor of bodies by shapes learns from
+    calibrate   error bars of a trained one, from other trajectories
     kinds       whichever a config asks for
 """

@@ -6,14 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from learning.config import SlenderConfig, TrainConfig
+from learning.config import BodiesConfig, PosesConfig, SlenderConfig, TrainConfig
 from learning.training import train as of_graphs
 from learning.training.sections import train_sections
+from learning.training.shapes import train_shapes
 
 
-def train(config: TrainConfig | SlenderConfig, files_train: Sequence[str | Path], files_valid: Sequence[str | Path], out: str | Path, *,
+def train(config: TrainConfig | PosesConfig, files_train: Sequence[str | Path], files_valid: Sequence[str | Path], out: str | Path, *,
           steps: int | None = None, resume: bool = False, device: str = "cpu") -> dict[str, Any]:
-    """See `training.train.train` and `training.sections.train_sections`; the latter runs on the processor."""
+    """See `training.train.train`, and `training.sections.train_sections` and `training.shapes.train_shapes`, which run on the processor."""
     if isinstance(config, SlenderConfig):
         return train_sections(config, files_train, files_valid, out, steps=steps, resume=resume)
+    if isinstance(config, BodiesConfig):
+        return train_shapes(config, files_train, files_valid, out, steps=steps, resume=resume)
+    assert isinstance(config, TrainConfig)
     return of_graphs.train(config, files_train, files_valid, out, steps=steps, resume=resume, device=device)

@@ -34,6 +34,7 @@ class About:
     config: dict[str, Any]
     fingerprint: str
     versions: dict[str, str]
+    data_seconds: float = 0.0
     step: int = 0
     seconds: float = 0.0
     loss: float | None = None
@@ -66,7 +67,8 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
     Raises:
         InputError: there is no checkpoint to go on from, it is damaged, or its data or config are not these
     """
-    about = About(to_table(config), fingerprint(examples), _versions())
+    made = sum(float(example.trajectory.extra.get("seconds", 0.0)) for example in examples)
+    about = About(to_table(config), fingerprint(examples), _versions(), made)
     torch.manual_seed(config.seed)
     network = build(config.network).to(device)
     optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)

@@ -16,6 +16,7 @@ Legend: T frames (the rest state first), N body nodes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -149,16 +150,95 @@ def verify(prediction: ArrayLike, reference: ArrayLike, *, scene: Scene | None, 
         one_step: (T - 1, N, 3) predictions of frames 1 .. T - 1, each made from the true frame before it
         sample: check the equations at about this many frames, evenly spaced; at all of them by default
     """
-    u, truth = np.asarray(prediction, np.float64), np.asarray(reference, np.float64)
-    first = u[1:2] if one_step is None else np.asarray(one_step, np.float64)
-    of_first = truth[1:len(first) + 1]
-    if one_step is None and not of_first[:, free].any():  # before anything touches, standing still is no achievement
-        of_first = np.full_like(of_first, np.nan)
-    error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))  # (T,)
-    return Fidelity(
-        **_errors({"1": (first, of_first), "50": (u[1:51], truth[1:51]), "all": (u[1:], truth[1:])}, free,
-                  _space(mesh, truth)),
-        worst_step=int(np.argmax(error)), **_of_shape(u, truth, mesh), **_of_equations(u, truth, error, scene, mesh, free, sample))
+    return Reference(np.asarray(reference, np.float64), scene, mesh, free, sample).verify(prediction, one_step)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What predictions of one trajectory are held against; what is to be known of it alone is found once.
+
+    displacement (T, N, 3) [m]; scene, free and sample as in `verify`; shapes: judge the deformed mesh at about so many frames too
+    """
+
+    displacement: Floats
+    scene: Scene | None
+    mesh: Mesh
+    free: NDArray[np.bool_]
+    sample: int | None = None
+    shapes: int | None = None
+
+    def verify(self, prediction: ArrayLike, one_step: ArrayLike | None = None) -> Fidelity:
+        """See `verify`."""
+        u, truth, free = np.asarray(prediction, np.float64), self.displacement, self.free
+        first = u[1:2] if one_step is None else np.asarray(one_step, np.float64)
+        of_first = truth[1:len(first) + 1]
+        if one_step is None and not of_first[:, free].any():  # before anything touches, standing still is no achievement
+            of_first = np.full_like(of_first, np.nan)
+        error = np.sqrt(np.mean(np.sum((u - truth)[:, free] ** 2, axis=2), axis=1))  # (T,)
+        return Fidelity(
+            **_errors({"1": (first, of_first), "50": (u[1:51], truth[1:51]), "all": (u[1:], truth[1:])}, free, _space(self.mesh, truth)),
+            worst_step=int(np.argmax(error)), **self._of_shape(u), **self._of_equations(u, error))
+
+    def _frames(self, sample: int | None) -> NDArray[np.int64]:
+        """At most so many frames, evenly spaced, the rest state not among them."""
+        steps = len(self.displacement) - 1
+        return np.unique(np.linspace(1, steps, min(steps, sample or steps)).round().astype(int))
+
+    @cached_property
+    def _checker(self) -> Checker:
+        assert self.scene is not None
+        return Checker(self.scene, self.mesh)
+
+    @cached_property
+    def _due(self) -> list[Frame]:
+        return [self._checker.frame(self.displacement[t], t / (len(self.displacement) - 1)) for t in self._frames(self.sample)]
+
+    @cached_property
+    def _stress(self) -> Floats:
+        return self._stress_of(self.displacement)
+
+    @cached_property
+    def _cells(self) -> tuple[Floats, Floats]:
+        positions, cells = self.mesh.points + self.displacement[self._frames(self.shapes)], (self.mesh.cells, self.mesh.cell)
+        return quality.mesh_continuity(positions, *cells), quality.aspect_ratio(positions, *cells)
+
+    def _stress_of(self, u: Floats) -> Floats:
+        assert self.scene is not None
+        return np.array([von_mises(self.mesh, u[t], self.scene.material) for t in self._frames(self.sample)])  # (frames, C)
+
+    def _of_shape(self, u: Floats) -> dict[str, Any]:
+        """The figures of the deformed mesh; of a cloth, plane cells that leave their plane, there are fewer."""
+        mesh, frames = self.mesh, self._frames(self.shapes)
+        predicted, true = mesh.points + u[frames], mesh.points + self.displacement[frames]
+        distances = np.array([quality.set_distances(a, b) for a, b in zip(predicted, true, strict=True)])
+        cells, found = (mesh.cells, mesh.cell), dict.fromkeys(OF_CELLS, np.nan)
+        continuity, ratio = self._cells
+        found |= {"mc": float(np.mean(abs(quality.mesh_continuity(predicted, *cells) - continuity))),
+                  "ar": float(np.mean(abs(quality.aspect_ratio(predicted, *cells) - ratio)))}
+        if mesh.dimension == 3 or not (mesh.points[:, 2].any() or u[..., 2].any()):
+            det = quality.det_f(mesh.points, u[frames], *cells)
+            found |= {"smallest_det_f": float(det.min()),
+                      "smallest_scaled_jacobian": float(quality.scaled_jacobian(predicted, *cells).min()),
+                      "inverted_elements": int(np.count_nonzero(~(det > 0), axis=-1).max())}
+        return {"gf_h": float(distances[:, 0].mean()), "gf_c": float(distances[:, 1].mean()), **found}
+
+    def _of_equations(self, u: Floats, error: Floats) -> dict[str, Any]:
+        """What the equations say of some frames; error (T,) [m]."""
+        if self.scene is None:
+            return dict.fromkeys(OF_EQUATIONS, np.nan)
+        checker, steps, due, frames = self._checker, len(u) - 1, self._due, self._frames(self.sample)
+        found = [checker.frame(u[t], t / steps) for t in frames]
+        reaction = max(frame.push for frame in due) or np.nan  # no force, no ratio to it
+        energy = max(frame.energy for frame in due) or np.nan
+        lacking = np.array([checker.correction(u[t], t / steps)[self.free] for t in frames])
+        estimated, missed = _rms(np.linalg.norm(lacking, axis=2)), _rms(error[frames])
+        return {
+            "relative_residual": _rms([frame.residual for frame in found]) / reaction,
+            "energy_error": _rms([a.energy - b.energy for a, b in zip(found, due, strict=True)]) / energy,
+            "reaction_error": _rms([np.linalg.norm(a.reactions - b.reactions) for a, b in zip(found, due, strict=True)]) / reaction,
+            "stress_error": _rms(self._stress_of(u) - self._stress) / (_rms(self._stress) or np.nan),
+            "estimated_error": estimated, "effectivity": estimated / missed if missed else np.nan,
+            "largest_penetration": max(checker.penetration(u[t], t / steps) for t in range(1, steps + 1))}
 
 
 def _errors(steps: dict[str, tuple[Floats, Floats]], free: NDArray[np.bool_], space: int) -> dict[str, Any]:
@@ -174,43 +254,6 @@ def _errors(steps: dict[str, tuple[Floats, Floats]], free: NDArray[np.bool_], sp
 def _space(mesh: Mesh, truth: Floats) -> int:
     """Along how many axes a body extends or moves: 2 for one in a plane, 3 for a cloth."""
     return max(1, int(np.count_nonzero((np.ptp(mesh.points, axis=0) > 0) | truth.any(axis=(0, 1)))))
-
-
-def _of_shape(u: Floats, truth: Floats, mesh: Mesh) -> dict[str, Any]:
-    """The figures of the deformed mesh; of a cloth, plane cells that leave their plane, there are fewer."""
-    predicted, true = mesh.points + u[1:], mesh.points + truth[1:]
-    distances = np.array([quality.set_distances(a, b) for a, b in zip(predicted, true, strict=True)])
-    cells, found = (mesh.cells, mesh.cell), dict.fromkeys(OF_CELLS, np.nan)
-    found |= {"mc": float(np.mean(quality.mesh_continuity_error(predicted, true, *cells))),
-              "ar": float(np.mean(quality.aspect_ratio_error(predicted, true, *cells)))}
-    if mesh.dimension == 3 or not (mesh.points[:, 2].any() or u[..., 2].any()):
-        det = quality.det_f(mesh.points, u, *cells)
-        found |= {"smallest_det_f": float(det.min()), "smallest_scaled_jacobian": float(quality.scaled_jacobian(predicted, *cells).min()),
-                  "inverted_elements": int(np.count_nonzero(~(det > 0), axis=-1).max())}
-    return {"gf_h": float(distances[:, 0].mean()), "gf_c": float(distances[:, 1].mean()), **found}
-
-
-def _of_equations(u: Floats, truth: Floats, error: Floats, scene: Scene | None, mesh: Mesh, free: NDArray[np.bool_],
-                  sample: int | None) -> dict[str, Any]:
-    """What the equations say of some frames."""
-    if scene is None:
-        return dict.fromkeys(OF_EQUATIONS, np.nan)
-    checker, steps = Checker(scene, mesh), len(u) - 1
-    frames = np.unique(np.linspace(1, steps, min(steps, sample or steps)).round().astype(int))
-    found = [checker.frame(u[t], t / steps) for t in frames]
-    due = [checker.frame(truth[t], t / steps) for t in frames]
-    reaction = max(frame.push for frame in due) or np.nan  # no force, no ratio to it
-    energy = max(frame.energy for frame in due) or np.nan
-    lacking = np.array([checker.correction(u[t], t / steps)[free] for t in frames])
-    estimated, missed = _rms(np.linalg.norm(lacking, axis=2)), _rms(error[frames])
-    stress = np.array([[von_mises(mesh, of[t], scene.material) for t in frames] for of in (u, truth)])  # (2, frames, C)
-    return {
-        "relative_residual": _rms([frame.residual for frame in found]) / reaction,
-        "energy_error": _rms([a.energy - b.energy for a, b in zip(found, due, strict=True)]) / energy,
-        "reaction_error": _rms([np.linalg.norm(a.reactions - b.reactions) for a, b in zip(found, due, strict=True)]) / reaction,
-        "stress_error": _rms(stress[0] - stress[1]) / (_rms(stress[1]) or np.nan),
-        "estimated_error": estimated, "effectivity": estimated / missed if missed else np.nan,
-        "largest_penetration": max(checker.penetration(u[t], t / steps) for t in range(1, steps + 1))}
 
 
 def _rms(values: ArrayLike) -> float:
