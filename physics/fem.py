@@ -109,6 +109,12 @@ def tensors() -> tuple[Any, Any]:
     return domain, ufl.FunctionSpace(domain, element)
 
 
+def triangle(order: int, degree: int) -> tuple[Any, Floats, Floats]:
+    """Lagrange's element of an order on the triangle (0, 0), (1, 0), (0, 1), and a rule of a degree: points (P, 2), weights (P,)."""
+    element = basix.create_element(basix.ElementFamily.P, basix.CellType.triangle, order, basix.LagrangeVariant.equispaced)
+    return element, *basix.make_quadrature(basix.CellType.triangle, degree)
+
+
 class Space:
     """Lagrange fields on a mesh: scalars, or vectors with a component for each dimension.
 

@@ -18,13 +18,12 @@ from __future__ import annotations
 import ctypes
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-import basix
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+from physics import fem
 from physics.linalg.native import aligned, compiled, pointer
 from physics.mesh.mesh import Mesh
 
@@ -34,12 +33,6 @@ Integers = NDArray[np.int64]
 OPPOSITE = ((1, 2), (0, 2), (0, 1))  # the corners of the edges in the order of their nodes
 SKEW = 0.5
 LOOPS = (Path(__file__).parent / "loops.cpp").read_text()
-
-
-def triangle(order: int, degree: int) -> tuple[Any, Floats, Floats]:
-    """Lagrange's element of an order on the triangle (0, 0), (1, 0), (0, 1), and a rule of a degree: points (P, 2), weights (P,)."""
-    element = basix.create_element(basix.ElementFamily.P, basix.CellType.triangle, order, basix.LagrangeVariant.equispaced)
-    return element, *basix.make_quadrature(basix.CellType.triangle, degree)
 
 
 class Nodes:
@@ -65,7 +58,7 @@ class Nodes:
         columns.append(start + np.arange(len(cells) * inside).reshape(len(cells), inside))
         self.cells = np.ascontiguousarray(np.concatenate(columns, axis=1), np.int32)
         self.points = np.zeros((start + len(cells) * inside, 2))
-        self.points[self.cells] = np.einsum("qg,cgd->cqd", table(2, triangle(order, 1)[0].points)[0], geometry)
+        self.points[self.cells] = np.einsum("qg,cgd->cqd", table(2, fem.triangle(order, 1)[0].points)[0], geometry)
 
     def along_edges(self, mesh: Mesh, edges: Integers) -> Integers:
         """(F, order + 1) the nodes of some edges (F, 2) in a row, from the lower vertex on."""
@@ -91,7 +84,7 @@ class FlowSpace:
         self.mesh, self.order = mesh, order
         geometry = geometry_of(mesh)
         self.velocity, self.pressure = Nodes(mesh, order, geometry), Nodes(mesh, order - 1, geometry)
-        _, points, weights = triangle(order, 3 * order - 1)
+        _, points, weights = fem.triangle(order, 3 * order - 1)
         self.values, self.slopes = table(order, points)
         self.pressures = table(order - 1, points)[0]
         J = np.einsum("pgr,cgd->pcdr", table(2, points)[1], geometry)
@@ -133,9 +126,9 @@ class FlowSpace:
     @cached_property
     def _finest(self) -> tuple[Floats, Floats]:
         """(n, P) what the highest order adds, and the whole, at points of the reference triangle, times the root of their weights."""
-        _, points, weights = triangle(self.order, 2 * self.order)
+        _, points, weights = fem.triangle(self.order, 2 * self.order)
         whole, lower = table(self.order, points)[0], table(self.order - 1, points)[0]
-        added = whole - lower @ table(self.order, triangle(self.order - 1, 1)[0].points)[0]
+        added = whole - lower @ table(self.order, fem.triangle(self.order - 1, 1)[0].points)[0]
         return added.T * np.sqrt(2 * weights), whole.T * np.sqrt(2 * weights)
 
     # Matrices, cell by cell.
@@ -160,7 +153,7 @@ class FlowSpace:
     def stiffness_of_pressure(self) -> Floats:
         """(C, m, m) (grad p, grad q)"""
         a, b, c, d = np.moveaxis(self.metric[..., 1:], -1, 0)[..., None]
-        slopes = table(self.order - 1, triangle(1, 3 * self.order - 1)[1])[1]
+        slopes = table(self.order - 1, fem.triangle(1, 3 * self.order - 1)[1])[1]
         r, s = slopes[:, None, :, 0], slopes[:, None, :, 1]
         return _stiffness(np.stack([a * r + b * s, c * r + d * s], axis=-1), self.metric[..., 0])
 
@@ -198,7 +191,7 @@ def _stiffness(gradients: Floats, weights: Floats) -> Floats:
 
 def table(order: int, points: Floats) -> tuple[Floats, Floats]:
     """Values (P, n) and slopes (P, n, 2) of Lagrange's functions of an order."""
-    found = triangle(order, 1)[0].tabulate(1, points)[..., 0]
+    found = fem.triangle(order, 1)[0].tabulate(1, points)[..., 0]
     return found[0], np.moveaxis(found[1:], 0, -1)
 
 
@@ -212,8 +205,8 @@ def packed(metric: Floats) -> Floats:
 
 
 def _library(order: int, points: int) -> ctypes.CDLL:
-    values, slopes = table(order, triangle(1, 3 * order - 1)[1])
-    pressures = table(order - 1, triangle(1, 3 * order - 1)[1])[0]
+    values, slopes = table(order, fem.triangle(1, 3 * order - 1)[1])
+    pressures = table(order - 1, fem.triangle(1, 3 * order - 1)[1])[0]
     head = f"#define NODES {values.shape[1]}\n#define CORNERS {pressures.shape[1]}\n#define POINTS {points}\n#define SKEW {SKEW}\n"
     tables = "".join(f"static const double {name}{''.join(f'[{n}]' for n in table.shape)} = {_braces(table)};\n"
                      for name, table in (("N", values), ("R", slopes[..., 0]), ("S", slopes[..., 1]), ("Q", pressures)))
