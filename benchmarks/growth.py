@@ -37,7 +37,7 @@ def measure(run: str | None, steps: int) -> list[dict]:
     """A row for each predictor and mesh."""
     model = load_model(run) if run else None
     networks = [learned(model, single_steps=False), corrected(model, 1)] if model else []
-    predictors = [*networks, elements("FE, cells halved", halvings=1),
+    predictors = [*networks, elements("FE, cells twice as large", halvings=1),
                   elements("FE, a tenth of the steps", fewer=10), estimated("reduced-order model"), elements(REFERENCE)]
     rows = []
     for cells in CELLS:

@@ -19,7 +19,7 @@ def rows() -> list[Row]:
             row("M4GN b", "learned", 8.0, 2e-4, (1e-4, 3.5e-4, 1.5e-4), rmsd_1=2e-6),
             row("M4GN b, corrected 10-fold", "hybrid", 9.0, 5e-5, (4e-5, 5e-5, 6e-5), iterations=1.0),
             row("nothing moves", "trivial", 0.01, 7e-3, (6e-3, 7e-3, 8e-3), rmsd_1=3e-4),
-            row("FE, cells halved", "fe", 2.0, 6e-4, (5e-4, 6e-4, 7e-4), iterations=3.5),
+            row("FE, cells twice as large", "fe", 2.0, 6e-4, (5e-4, 6e-4, 7e-4), iterations=3.5),
             row("FE, the reference", "reference", 32.0, 0.0, (0.0, 0.0, 0.0), iterations=4.25)]
 
 

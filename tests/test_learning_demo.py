@@ -97,7 +97,7 @@ def test_the_training_is_as_long_as_asked_for_and_its_error_is_in_mm(small):
 def test_the_report_is_of_the_test_beams_and_holds_every_rival(small):
     assert small.result["cases"] == ["0000"] and small.result["report"] == str(small.folder / "report")
     rows = {row["name"]: row["scores"]["rmsd_all"] for row in small.result["rows"]}
-    assert 0 < rows["FE, cells halved"] < rows["FE, cells halved twice"] < rows["nothing moves"]
+    assert 0 < rows["FE, cells twice as large"] < rows["FE, cells four times as large"] < rows["nothing moves"]
     assert rows["M4GN, corrected 10-fold"] < rows["M4GN"]
     assert f"All of it took {small.result['seconds']:.0f} s. Open {small.folder / 'report' / 'report.html'}" in small.text
     for name in ("report.md", "report.html", "report.json", "table.csv", "pareto.png", "frame_0000.png"):
@@ -182,7 +182,7 @@ def test_the_report_is_turned_and_followed_by_hand_in_a_browser(small):
         browser.open(small.folder / "report" / "report.html")
         assert not [message for message in browser.said if message["method"] == "Runtime.exceptionThrown"]
         names = browser.run("[...document.querySelectorAll('.left option')].map(option => option.text)")
-        assert {"M4GN", "M4GN, corrected 10-fold", "nothing moves", "FE, cells halved", "FE, the reference"} <= set(names)
+        assert {"M4GN", "M4GN, corrected 10-fold", "nothing moves", "FE, cells twice as large", "FE, the reference"} <= set(names)
         assert browser.run("document.querySelectorAll('.exhibit option').length") == 2  # the trajectory, and its worst frame
         left, top, width, height = browser.box("canvas")
         pictures = [browser.pixels("canvas")]
@@ -207,4 +207,4 @@ def test_some_hundred_steps_on_the_familys_own_beams_already_beat_that_nothing_m
     assert "12 trajectories" in "\n".join(said)
     rows = {row["name"]: row["scores"]["rmsd_all"] for row in result["rows"]}
     assert rows["M4GN"] < rows["nothing moves"]
-    assert 0 < rows["FE, cells halved"] < rows["FE, cells halved twice"]
+    assert 0 < rows["FE, cells twice as large"] < rows["FE, cells four times as large"]

@@ -100,7 +100,7 @@ def test_evaluate_writes_the_whole_folder(tmp_path):
     names = {path.name for path in (tmp_path / "report").iterdir()}
     assert names == {"report.html", "report.md", "report.json", "table.csv", "pareto.png", "frame_beam.png"}
     rows = {row["name"]: row["scores"] for row in result["rows"]}
-    coarse = ["FE, cells halved", "FE, cells halved twice"]
+    coarse = ["FE, cells twice as large", "FE, cells four times as large"]
     assert list(rows) == ["a tenth short", "M4GN", "M4GN, corrected 10-fold", "nothing moves", "keep the last velocity",
                           "quadratic extrapolation", *coarse, REFERENCE]
     assert rows[REFERENCE]["rmsd_all"] == 0
@@ -113,7 +113,7 @@ def test_evaluate_writes_the_whole_folder(tmp_path):
     assert 0 < errors[0] < errors[1] < errors[2]
     assert rows["keep the last velocity"]["rmsd_1"] < rows["nothing moves"]["rmsd_1"]
     # A prediction that is the data has the data's own error to the finer solution.
-    assert 0 < rows[REFERENCE]["rmsd_refined"] < rows["FE, cells halved"]["rmsd_refined"]
+    assert 0 < rows[REFERENCE]["rmsd_refined"] < rows["FE, cells twice as large"]["rmsd_refined"]
     assert rows[REFERENCE]["below_data"] == 1 and rows["nothing moves"]["below_data"] < 0.2
     assert all(row["seconds"] == pytest.approx(0.02 * row["ms_per_step"]) for row in rows.values())
     assert rows["M4GN"]["set_up_seconds"] > 0 and rows["M4GN, corrected 10-fold"]["iterations"] <= 2

@@ -73,6 +73,7 @@ def test_without_a_network_or_an_obstacle_no_picture_of_either(tmp_path, monkeyp
 def measured(monkeypatch):
     """report_on with a measurement that asks nobody; what it was asked for, and a bar that counts."""
     asked = SimpleNamespace(bars=[], warm=[], said=[])
+    monkeypatch.setattr(module, "paid_back", lambda rows, runs: rows)
 
     class Bar:
         def __init__(self, **how):
@@ -177,20 +178,20 @@ def test_the_facts_tell_what_was_tested_and_trained(monkeypatch):
         "at most (they hold 32-bit numbers)"
     )
     assert told["timing"].endswith("on each scene; each prediction timed once")
-    assert told["equations"] == "checked at up to 25 frames of each trajectory, everything else at all frames"
+    assert told["equations and mesh"] == "checked at up to 25 frames of each trajectory; errors and penetration at all frames"
     assert "PyTorch" in told["threads"] and "torch " + torch.__version__ in told["versions"] and len(told["date"]) == 10
 
 
 def test_the_facts_of_one_size_have_no_range_and_repeats_are_told(monkeypatch):
     told = facts(monkeypatch, [case("b")], repeats=3)
     assert told["test trajectories"].startswith("1: b; 99 nodes, 10 steps;")
-    assert told["timing"].endswith("; medians of 3 predictions, one for those of more than 10 s")
+    assert told["timing"].endswith("; medians of 3 predictions, one for those of more than 1 s")
     assert list(told) == [
         "test trajectories",
         "gathering",
         "timing",
         "truth",
-        "equations",
+        "equations and mesh",
         "machine",
         "threads",
         "versions",
@@ -310,8 +311,9 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
         module, "report_on", lambda predictors, cases, out, **how: given.update(how, p=predictors, cases=cases, out=out) or {"a": 1}
     )
     assert module.evaluate("run", ["f"], str(tmp_path), correct=2, refined=4) == {"a": 1}
-    names = ["M4GN", "M4GN, corrected 100-fold", "nothing moves", "keep the last velocity", "quadratic extrapolation", "FE, cells halved",
-             "FE, cells halved twice", "FE, the reference"]
+    names = ["M4GN", "M4GN, corrected 100-fold", "nothing moves", "keep the last velocity", "quadratic extrapolation",
+             "FE, cells twice as large",
+             "FE, cells four times as large", "FE, the reference"]
     assert [(each.name, each.kind) for each in given["p"]] == list(
         zip(names, ("learned", "hybrid", *["trivial"] * 3, "fe", "fe", "reference"), strict=True)
     )
@@ -330,7 +332,8 @@ def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):
     monkeypatch.setattr(module, "report_on", lambda *given, **how: {})
     monkeypatch.setattr(module, "elements", lambda name, **how: halvings.update({name: how}))
     module.evaluate("run", ["f"], "out")
-    assert halvings == {"FE, cells halved": {"halvings": 1}, "FE, cells halved twice": {"halvings": 2}, "FE, the reference": {}}
+    assert halvings == {"FE, cells twice as large": {"halvings": 1},
+                        "FE, cells four times as large": {"halvings": 2}, "FE, the reference": {}}
 
 
 def test_cases_are_named_by_their_files(monkeypatch):

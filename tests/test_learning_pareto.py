@@ -45,7 +45,8 @@ def test_the_front_is_of_the_error_that_is_asked_for():
 
 def test_the_front_of_rows_made_by_hand():
     # M4GN a (5 ms, 0.4 mm) and b (8, 0.2), corrected (9, 0.05), nothing moves (0.01, 7), halved cells (2, 0.6), reference (32, 0)
-    assert [each.name for each in front(rows())] == ["nothing moves", "FE, cells halved", "M4GN a", "M4GN b", "M4GN b, corrected 10-fold",
+    assert [each.name for each in front(rows())] == [
+        "nothing moves", "FE, cells twice as large", "M4GN a", "M4GN b", "M4GN b, corrected 10-fold",
                                                      "FE, the reference"]
 
 

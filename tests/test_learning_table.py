@@ -115,7 +115,7 @@ def test_what_no_predictor_has_is_no_column_and_what_one_lacks_is_a_dash():
 
 def test_each_trajectory_has_a_row_of_all_predictors_but_the_reference():
     head, lines = by_case(report(rows=[*rows(), row("without", "fe", 1.0, 1.0)]))
-    assert head == ["test trajectory", "M4GN a", "M4GN b", "M4GN b, corrected 10-fold", "nothing moves", "FE, cells halved"]
+    assert head == ["test trajectory", "M4GN a", "M4GN b", "M4GN b, corrected 10-fold", "nothing moves", "FE, cells twice as large"]
     assert lines == [["0003", "0.2", "0.1", "0.04", "6", "0.5"],
                      ["0007", "0.3", "0.35", "0.05", "7", "0.6"],
                      ["0011", "0.7", "0.15", "0.06", "8", "0.7"]]
@@ -146,7 +146,7 @@ def test_the_headline_of_a_network_that_is_slower_than_the_solver_and_worse_than
     assert said == (
         "Over whole rollouts of 1 test trajectory, M4GN puts a free node 14 mm from its true place (root mean square). To say that "
         "nothing moves is <b>closer, 0.5 times as far off</b>. M4GN takes 80 ms a step on this machine, the finite-element solver "
-        "that made the truth 32 ms: <b>the solver is 2.5 times as fast</b>. \"FE, cells halved\" is both faster and closer: 2 ms a "
+        "that made the truth 32 ms: <b>the solver is 2.5 times as fast</b>. \"FE, cells twice as large\" is both faster and closer: 2 ms a "
         "step, 0.6 mm.")
 
 

@@ -98,9 +98,10 @@ def predictors(models: dict[str, Model | AtOnce]) -> list[Predictor]:
     rungs = [predictor for run, model in models.items()
              for predictor in (learned(model, names[run]), corrected(model, 1, names[run]), corrected(model, None, names[run]))]
     return [*rungs, *trivial(),
-            elements("FE, cells halved", halvings=1), elements("FE, cells halved twice", halvings=2),
+            elements("FE, cells twice as large", halvings=1), elements("FE, cells four times as large", halvings=2),
             elements(f"FE, a tenth of the steps, tolerance {CLOSE:g}", fewer=10, tolerance=CLOSE),
             elements(f"FE, a twentieth of the steps, tolerance {LOOSE:g}", fewer=20, tolerance=LOOSE),
             elements(f"FE, tolerance {LOOSE:g}", tolerance=LOOSE),
-            elements("FE, cells halved, a tenth of the steps", halvings=1, fewer=10), elements("FE, linear elasticity", law="linear"),
+            elements("FE, cells twice as large, a tenth of the steps", halvings=1, fewer=10),
+            elements("FE, linear elasticity", law="linear"),
             estimated("reduced-order model"), estimated("reduced-order model, few poses", rough=True), elements(REFERENCE)]
