@@ -74,9 +74,8 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
     if any(case.known is None for case in cases):
         return report_on([*own, learned(model, model.title), *trivial()], cases, Path(out),
                          title="A learned simulator held against its data", runs={str(run): model}, refined=0, about=about, say=say)
-    predictors = [*own, learned(model, model.title), *alone, corrected(model, correct, model.title), *trivial(),
-                  elements("FE, cells twice as large", halvings=1), elements("FE, cells four times as large", halvings=2),
-                  elements(REFERENCE)]
+    coarse = [elements("FE, cells twice as large", halvings=1), elements("FE, cells four times as large", halvings=2)]
+    predictors = [*own, learned(model, model.title), *alone, corrected(model, correct, model.title), *trivial(), *coarse, elements(REFERENCE)]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
                      refined=refined, about=about, say=say)
 
@@ -199,11 +198,10 @@ def _facts(runs: dict[str, Model | AtOnce], cases: Sequence[Case], found: Measur
         "timing": f"processor time of one process, one predictor after the other on each scene; {timed}",
     }
     for run, model in runs.items():
-        about, _ = read_stored(Path(run) / "model.safetensors")
+        about, weights = read_stored(Path(run) / "model.safetensors")[0], sum(p.numel() for p in model.network.parameters())
         facts[f"network {Path(run).name}"] = (
-            f"{model.title} from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
-            f"{about['seconds']:.0f} s{data_said(about)}, of which step {about['best_step']} did best in validation "
-            f"and is shown; seed {model.config.seed}")
+            f"{model.title} from {run}: {weights} weights, trained {about['step']} steps in {about['seconds']:.0f} s{data_said(about)}, "
+            f"of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
     return facts | {
         "truth": "the files: they hold no scene, so there are no equations to check, and no reference that could be solved again"
                  if any(case.known is None for case in cases) else
