@@ -74,8 +74,8 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
     if any(case.known is None for case in cases):
         return report_on([*own, learned(model, model.title), *trivial()], cases, Path(out),
                          title="A learned simulator held against its data", runs={str(run): model}, refined=0, about=about, say=say)
-    coarse = [elements("FE, cells twice as large", halvings=1), elements("FE, cells four times as large", halvings=2)]
-    predictors = [*own, learned(model, model.title), *alone, corrected(model, correct, model.title), *trivial(), *coarse, elements(REFERENCE)]
+    fe = [elements("FE, cells twice as large", halvings=1), elements("FE, cells four times as large", halvings=2), elements(REFERENCE)]
+    predictors = [*own, learned(model, model.title), *alone, corrected(model, correct, model.title), *trivial(), *fe]
     return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
                      refined=refined, about=about, say=say)
 
