@@ -2,7 +2,7 @@
 
 import math
 
-from learning.report.cost import called, cost_said, counted, payback_said
+from learning.report.cost import called, counted, data_said, payback_said
 from tests.rows import row
 
 
@@ -33,9 +33,8 @@ def test_predictors_are_called_after_their_kind_and_where_there_are_several_afte
     assert called({"runs/a": Kind(), "b": Kind()}) == {"runs/a": "beam sections a", "b": "beam sections b"}
 
 
-def test_what_it_took_is_said_where_it_is_known():
-    assert cost_said({"seconds": 60.0, "data_seconds": 5293.2}) == "60 s of training, 5293 s for its data"
-    assert cost_said({"seconds": 60.0}) == "60 s of training"
+def test_what_the_data_took_is_said_where_it_is_known():
+    assert data_said({"seconds": 60.0, "data_seconds": 5293.2}) == " on data that took 5293 s" and data_said({"seconds": 60.0}) == ""
 
 
 def test_only_what_is_ever_paid_back_is_told_so():

@@ -73,6 +73,7 @@ def test_without_a_network_or_an_obstacle_no_picture_of_either(tmp_path, monkeyp
 def measured(monkeypatch):
     """report_on with a measurement that asks nobody; what it was asked for, and a bar that counts."""
     asked = SimpleNamespace(bars=[], warm=[], said=[])
+    monkeypatch.setattr(module, "paid_back", lambda rows, runs: rows)
 
     class Bar:
         def __init__(self, **how):
@@ -177,20 +178,20 @@ def test_the_facts_tell_what_was_tested_and_trained(monkeypatch):
         "at most (they hold 32-bit numbers)"
     )
     assert told["timing"].endswith("on each scene; each prediction timed once")
-    assert told["equations"] == "checked at up to 25 frames of each trajectory, everything else at all frames"
+    assert told["equations and mesh"] == "checked at up to 25 frames of each trajectory; errors and penetration at all frames"
     assert "PyTorch" in told["threads"] and "torch " + torch.__version__ in told["versions"] and len(told["date"]) == 10
 
 
 def test_the_facts_of_one_size_have_no_range_and_repeats_are_told(monkeypatch):
     told = facts(monkeypatch, [case("b")], repeats=3)
     assert told["test trajectories"].startswith("1: b; 99 nodes, 10 steps;")
-    assert told["timing"].endswith("; medians of 3 predictions, one for those of more than 10 s")
+    assert told["timing"].endswith("; medians of 3 predictions, one for those of more than 1 s")
     assert list(told) == [
         "test trajectories",
         "gathering",
         "timing",
         "truth",
-        "equations",
+        "equations and mesh",
         "machine",
         "threads",
         "versions",

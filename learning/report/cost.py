@@ -43,10 +43,10 @@ def _scenes(about: dict[str, Any], saved: float) -> float:
     return math.ceil((about["seconds"] + about["data_seconds"]) / saved) if saved > 0 else math.inf
 
 
-def cost_said(about: dict[str, Any]) -> str:
-    """What a training and its data took, in words."""
+def data_said(about: dict[str, Any]) -> str:
+    """What a run's data took, in words that follow the seconds of its training; empty where that is not known."""
     data = about.get("data_seconds")
-    return f"{about['seconds']:.0f} s of training" + (f", {data:.0f} s for its data" if data else "")
+    return f" on data that took {data:.0f} s" if data else ""
 
 
 def payback_said(rows: Sequence[Row]) -> list[str]:

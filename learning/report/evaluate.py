@@ -31,7 +31,7 @@ from learning.prediction.foreign import Own, from_folder, from_function
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
-from learning.report.cost import cost_said, paid_back, payback_said
+from learning.report.cost import data_said, paid_back, payback_said
 from learning.report.differences import differing, spread_said
 from learning.report.measure import LONG, Measurement, measure
 from learning.report.report import write_report
@@ -200,8 +200,8 @@ def _facts(runs: dict[str, Model | AtOnce], cases: Sequence[Case], found: Measur
     for run, model in runs.items():
         about, _ = read_stored(Path(run) / "model.safetensors")
         facts[f"network {Path(run).name}"] = (
-            f"{model.title} from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps, "
-            f"{cost_said(about)}; of the steps, step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
+            f"{model.title} from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
+            f"{about['seconds']:.0f} s{data_said(about)}, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
     return facts | {
         "truth": "the files: they hold no scene, so there are no equations to check, and no reference that could be solved again"
                  if any(case.known is None for case in cases) else
