@@ -135,8 +135,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     spread = [*spread_said(found.rows, chance=seeds_alone), *payback_said(found.rows)]
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
                     outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
-                    facts=_facts(runs, cases, found, repeats) | (about or {}),
-                    notes=[*spread, *_limits(cases, found, runs, spans)])
+                    facts=_facts(runs, cases, found, repeats) | (about or {}), notes=[*spread, *_limits(cases, found, runs, spans)])
     content = write_report(out, report, exhibits(found))
     if say is not None:
         for line in (*summary(found.rows), content["summary"], *spread, f"report: {out / 'report.html'}"):
@@ -201,7 +200,8 @@ def _facts(runs: dict[str, Model | AtOnce], cases: Sequence[Case], found: Measur
         about, _ = read_stored(Path(run) / "model.safetensors")
         facts[f"network {Path(run).name}"] = (
             f"{model.title} from {run}: {sum(p.numel() for p in model.network.parameters())} weights, trained {about['step']} steps in "
-            f"{about['seconds']:.0f} s{data_said(about)}, of which step {about['best_step']} did best in validation and is shown; seed {model.config.seed}")
+            f"{about['seconds']:.0f} s{data_said(about)}, of which step {about['best_step']} did best in validation and is shown; seed "
+            f"{model.config.seed}")
     return facts | {
         "truth": "the files: they hold no scene, so there are no equations to check, and no reference that could be solved again"
                  if any(case.known is None for case in cases) else
