@@ -291,9 +291,9 @@ def test_the_table_holds_all_figures_in_si_units(written):
         "inverted_elements [1]",
     ]
     assert lines[2][:2] == ["M4GN b", "learned"] and len(lines) == 8
-    assert [float(value) for value in lines[2][2:10]] == pytest.approx([8.0, 7.0, *[math.nan] * 2, 2e-6, math.nan, 2e-4, math.nan],
-                                                                     nan_ok=True)
-    assert lines[6][8] == "0.0" and lines[3][6] == "nan"
+    assert [float(value) for value in lines[2][2:12]] == pytest.approx([8.0, 7.0, *[math.nan] * 4, 2e-6, math.nan, 2e-4, math.nan],
+                                                                       nan_ok=True)
+    assert lines[6][10] == "0.0" and lines[3][8] == "nan"
 
 
 def test_a_figure_that_a_row_lacks_is_nan_in_the_table(tmp_path):

@@ -14,6 +14,7 @@ from learning.bodies.body import see
 from learning.config import BodiesConfig, load_config
 from learning.networks.shapes import ShapesConfig
 from learning.networks.stored import read_stored
+from learning.samples.seen import read_seen
 from learning.training.calibrate import calibrate
 from learning.training.kinds import train
 from physics.mesh.build import build_mesh
@@ -34,6 +35,8 @@ def test_a_training_that_was_stopped_goes_on_to_the_same_bits(paths, tmp_path):
     train(CONFIG, paths[:2], paths[2:3], tmp_path / "whole")
     train(CONFIG, paths[:2], paths[2:3], tmp_path / "halves", steps=3)
     train(CONFIG, paths[:2], paths[2:3], tmp_path / "halves", resume=True)
+    told = read_seen(tmp_path / "whole")
+    assert told is not None and "steps" not in told.numbers and "extent along x [m]" in told.numbers  # poses know of no steps
     whole, halves = (read_stored(tmp_path / name / "last.safetensors")[1] for name in ("whole", "halves"))
     assert whole.keys() == halves.keys() and all(torch.equal(whole[name], halves[name]) for name in whole)
     with pytest.raises(InputError, match="with another config"):

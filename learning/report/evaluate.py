@@ -135,8 +135,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     spread = [*spread_said(found.rows, chance=seeds_alone), *payback_said(found.rows)]
     report = Report(title=title, rows=found.rows, cases=[case.name for case in cases], pictures=_pictures(out, found),
                     outside={case.name: outside(case.trajectory, spans[0]) for case in cases} if spans else None,
-                    facts=_facts(runs, cases, found, repeats) | (about or {}),
-                    notes=[*spread, *_limits(cases, found, runs, spans)])
+                    facts=_facts(runs, cases, found, repeats) | (about or {}), notes=[*spread, *_limits(cases, found, runs, spans)])
     content = write_report(out, report, exhibits(found))
     if say is not None:
         for line in (*summary(found.rows), content["summary"], *spread, f"report: {out / 'report.html'}"):

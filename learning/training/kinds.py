@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from learning.config import BodiesConfig, PosesConfig, SlenderConfig, TrainConfig
 from learning.training import train as of_graphs
@@ -19,5 +19,4 @@ def train(config: TrainConfig | PosesConfig, files_train: Sequence[str | Path], 
         return train_sections(config, files_train, files_valid, out, steps=steps, resume=resume)
     if isinstance(config, BodiesConfig):
         return train_shapes(config, files_train, files_valid, out, steps=steps, resume=resume)
-    assert isinstance(config, TrainConfig)
-    return of_graphs.train(config, files_train, files_valid, out, steps=steps, resume=resume, device=device)
+    return of_graphs.train(cast(TrainConfig, config), files_train, files_valid, out, steps=steps, resume=resume, device=device)

@@ -28,6 +28,7 @@ from physics.schema import InputError, to_table
 from physics.whole import write_whole
 
 DOUBT = 1e-2  # weight of the expected errors
+OF_STEPS = ("steps", "way of the obstacle in one step [m]")  # of a scene, of which poses know nothing
 WARM = 100  # steps in which the learning rate rises
 
 
@@ -70,7 +71,7 @@ def run(config: PosesConfig, learner: Learner, told: Sequence[dict[str, Value]],
         going.go_on()
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "config.toml", tomli_w.dumps(to_table(config)).encode())
-    write_seen(out, ranges(told))
+    write_seen(out, ranges([{name: value for name, value in each.items() if name not in OF_STEPS} for each in told]))
     begun = going.about["step"], going.about["seconds"]
     going.loop(config.steps if steps is None else min(steps, config.steps))
     about = going.about
