@@ -62,7 +62,7 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
     axes.step([x for x, _ in best], [y for _, y in best], where="post", color="#dcdcdc", lw=6, zorder=1,
               label="front: nothing is both faster and closer")
     learned = [points[row.name] for row in front([row for row in rows if row.kind == "learned"], error) if row.name in points]
-    if learned and learned != best:
+    if len(learned) > 1 and learned != best:
         axes.step([x for x, _ in learned], [y for _, y in learned], where="post", color=COLOURS["learned"], lw=1.8, alpha=0.4, zorder=1.5,
                   label="front of what is learned")
     for row in rows:
