@@ -118,7 +118,8 @@ def asked(monkeypatch, tmp_path):
                    extra={"model": {}}, per_frame={})
     solution = SimpleNamespace(displacement=np.zeros((4, 16, 3)), seconds=0.6, newton_iterations=np.array([0, 2, 3, 4]), factorisations=1,
                                failure="", resumed=0, relative_residual=np.zeros(4), penetration=np.zeros(4), smallest_det_f=np.ones(4),
-                               reaction=np.zeros((4, 3)), linear_steps=0, mesh=SimpleNamespace(remarks=("odd",)))
+                               reaction=np.zeros((4, 3)), linear_steps=0, mesh=SimpleNamespace(remarks=("odd",)),
+                               stiff=lambda scene: ("stiff",))
 
     def solve(scene, **how):
         given.how = how
@@ -150,7 +151,7 @@ def test_one_process_keeps_a_journal_and_several_keep_none(asked, tmp_path):
     result, said = asked.run()
     assert {name: asked.how[name] for name in ("journal", "spread", "partial")} == {"journal": part, "spread": False, "partial": True}
     assert result["steps"] == 3 and result["newton_iterations"] == 9 and result["ms_per_step"] == pytest.approx(200.0)
-    assert "obstacle" not in result and result["remarks"] == ["odd"] and said[-1] == "odd"
+    assert "obstacle" not in result and result["remarks"] == ["odd", "stiff"] and said[-2:] == ["odd", "stiff"]
     assert [path for path, _ in asked.written] == [tmp_path / "t.vtkhdf"]
     asked.run(processes=2)
     assert asked.how["journal"] is None and asked.how["spread"] is True and len(asked.written) == 2

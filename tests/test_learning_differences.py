@@ -40,9 +40,11 @@ def test_a_difference_is_held_against_two_standard_errors_of_itself():
     (TrainConfig(network=M4GNConfig(walk=2)), ("network.walk 0, weights 7", "network.walk 2, weights 9"), False)])
 def test_rows_of_runs_carry_what_differs_between_them(monkeypatch, tmp_path, other, words, chance):
     def model(config, weights):
-        return SimpleNamespace(config=config, network=SimpleNamespace(parameters=lambda: [SimpleNamespace(numel=lambda: weights)]))
+        return SimpleNamespace(title="M4GN", config=config,
+                               network=SimpleNamespace(parameters=lambda: [SimpleNamespace(numel=lambda: weights)]))
 
     monkeypatch.setattr(module, "read_stored", lambda path: ({"step": 40}, {}))
+    monkeypatch.setattr(module, "paid_back", lambda rows, runs: rows)
     runs = {"x/a": model(TrainConfig(), 7), "x/b": model(other, 9 if other.network.walk else 7)}
     assert tuple(module._apart(runs).values()) == words and module._apart({"x/a": runs["x/a"]}) == {}
 

@@ -220,7 +220,8 @@ def test_a_config_says_which_network(tmp_path):
         assert load_config(path) == TrainConfig(network=CONFIGS[kind](hidden=8)) and config.kind == kind
         assert read_table(TrainConfig, to_table(training(config))) == training(config)
     assert set(CONFIGS) == set(NETWORKS) == set(SMALL)
-    for written, words in (('kind = "mng"', "one of m4gn, mgn, gcn, g-u-net, bsms, eagle, transolver, sections; did you mean 'mgn'"),
+    for written, words in (('kind = "mng"',
+                            "one of m4gn, mgn, gcn, g-u-net, bsms, eagle, transolver, sections, shapes; did you mean 'mgn'"),
                            ("kind = 3", r"network\.kind = 3"), ('kind = "mgn"\nheads = 2', r"network\.heads: unknown key.*world_radius"),
                            ('kind = "mgn"\nworld_radius = -1.0', r"network\.world_radius")):
         path.write_text(f"[network]\n{written}\n")

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from learning.bodies.at_once import is_at_once
 from learning.slender.beam import see
 from learning.slender.features import Seen
 from learning.slender.many import Paths, alike, per_batch, predict_many
-from learning.slender.model import Scales, is_slender, load_slender, scaled, state_of
+from learning.slender.model import Scales, load_slender, scaled, state_of
 from learning.slender.path import check_points, knots, predict
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
@@ -64,9 +65,10 @@ def test_a_pose_is_strange_a_tenth_of_the_range_beyond_it_or_at_a_jump():
 
 
 def test_a_checkpoint_is_read_back_and_one_that_does_not_fit_is_refused(tmp_path):
-    assert is_slender({"config": {"network": {"kind": "sections"}}})
-    assert not any(is_slender(about) for about in (
-        {}, {"config": 3}, {"config": {}}, {"config": {"network": {}}}, {"config": {"network": 1}}))
+    assert all(is_at_once({"config": {"network": {"kind": kind}}}) for kind in ("sections", "shapes"))
+    assert not any(is_at_once(about) for about in (
+        {}, {"config": 3}, {"config": {}}, {"config": {"network": {}}}, {"config": {"network": 1}},
+        {"config": {"network": {"kind": "mgn"}}}))
     made = predictor([scene()])
     names = set(state_of(made.network, made.scales))
     assert {f"scales.{name}" for name in ("pose", "section", "answer", "low", "high", "bar")} <= names

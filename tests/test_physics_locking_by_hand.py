@@ -9,7 +9,7 @@ import pytest
 from physics.mesh.shapes.boxes import box, rectangle
 from physics.modes import locking
 from physics.modes.locking import said, too_high
-from physics.scene import Body, Material
+from physics.scene import Body, Material, Scene
 
 MATERIAL = Material(young_modulus=3.0, poisson_ratio=0.2)
 LAMBDA, MU = 3.0 * 0.2 / (1.2 * 0.6), 3.0 / 2.4
@@ -104,11 +104,12 @@ def test_a_mode_without_strain_or_one_that_jumps_alone_ends_in_a_number():
 @pytest.mark.parametrize("excess, told", [(0.049, False), (0.051, True), (1.2345, True)])
 def test_five_per_cent_are_told_of_the_first_mode_that_strains(monkeypatch, excess, told):
     asked = []
-    monkeypatch.setattr(locking, "too_high", lambda mesh, shape, material: asked.append(shape) or excess)
+    monkeypatch.setattr(locking, "too_high", lambda mesh, shape, material, element: asked.append(shape) or excess)
     for kind, other in (("hexahedron", "body.order = 2"), ("prism", "hexahedra of order 2")):
         mesh, shape = uneven(kind)
+        scene = Scene(body=Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=kind), material=MATERIAL)
         shapes = np.stack([0 * shape, shape, 2 * shape])
         words = (f"cells of first order bend too stiffly here: mode 2 is too high by about {100 * excess:.0f} % or more; take shorter "
                  f"cells or {other}",)
-        assert said(mesh, shapes, 1, MATERIAL) == (words if told else ()) and asked[-1] is not None and asked[-1].max() == shape.max()
-        assert said(mesh, shapes, 3, MATERIAL) == ()  # all of them are rigid
+        assert said(mesh, shapes, 1, scene) == (words if told else ()) and asked[-1] is not None and asked[-1].max() == shape.max()
+        assert said(mesh, shapes, 3, scene) == ()  # all of them are rigid
