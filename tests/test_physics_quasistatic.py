@@ -279,6 +279,12 @@ def test_scenes_of_several_obstacles_or_materials_are_refused():
             estimator_of(replace(unsolved(), scene=read_scene(TABLE | several).to_toml()))
 
 
+def test_a_sheet_whose_stretch_across_follows_is_refused():
+    body = {"shape": "plate", "length": 0.06, "width": 0.02, "cells": [6, 2], "cell": "triangle", "plane": "stress"}
+    with pytest.raises(InputError, match="knows no plane stress"):
+        estimator_of(replace(unsolved(), scene=read_scene(TABLE | {"body": body}).to_toml()))
+
+
 def test_a_state_far_from_the_pose_is_reached_in_halves():
     """Each half no longer than a cell; where Newton's method never leads there, the body stays and the pose is the new one."""
     press, asked = Press.__new__(Press), []

@@ -61,6 +61,8 @@ class Estimator:
         if len(scene.obstacles) > 1 or len(scene.materials) > 1:
             raise InputError("the reduced-order model knows one obstacle and one material; a network that does not correct it, trained "
                              "with estimate = false, takes scenes of several")
+        if scene.body.plane == "stress":
+            raise InputError("the reduced-order model knows no plane stress; a network that does not correct it takes such scenes")
         if not scene.obstacles or scene.load or moved or scene.steps.dynamic:
             raise InputError("the reduced-order model knows clamped bodies pressed by an obstacle alone: no loads, sliding or moving "
                              "supports, or inertia; a network that does not correct it, trained with estimate = false, takes such scenes")
