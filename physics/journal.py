@@ -89,6 +89,11 @@ class Journal:
             self._file.close()
             raise
 
+    @property
+    def rows(self) -> list[Arrays]:
+        """The frames that were kept, one after the other."""
+        return [dict(zip(self.frames, rows, strict=True)) for rows in zip(*self.frames.values(), strict=True)]
+
     def _open(self, identity: str) -> None:
         start = self._file.read(len(MAGIC))
         if not MAGIC.startswith(start):

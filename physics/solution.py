@@ -110,7 +110,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     kept = None if journal is None else Journal(journal, identity(scene, mesh) + f" to {tolerance}" * (tolerance != TOLERANCE))
     try:
         if kept is not None and kept.frames:
-            frames = [dict(zip(kept.frames, rows, strict=True)) for rows in zip(*kept.frames.values(), strict=True)]
+            frames = kept.rows
             spent = float(kept.memory["seconds"])
             path.recall(unflatten(path.Memory, kept.memory))
         resumed = max(0, len(frames) - 1)

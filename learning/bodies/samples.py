@@ -21,15 +21,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from tqdm import tqdm
 
 from datagen.files.solved import solved_on
-from datagen.files.trajectory import Trajectory, read_sound
+from datagen.files.trajectory import Trajectory
 from learning.bodies.body import Body, see
 from learning.bodies.shapes import Powers, fit, functions, mirror_signs
 from learning.samples.seen import Value, description
+from learning.slender.samples import since_touch, taken
 from physics.scene import Scene
-from physics.schema import InputError
 
 Floats = NDArray[np.floating[Any]]
 
@@ -87,29 +86,15 @@ def read(files: Sequence[str | Path], frames: int) -> list[Read]:
     Raises:
         InputError: there are none, one is damaged, or its scene is not of this kind
     """
-    found = []
-    for path in tqdm(files, desc="load", disable=None, leave=False):
-        trajectory = read_sound(path)
-        if not trajectory.scene:
-            raise InputError(f"{path}: holds no scene, which tells a predictor of bodies what presses on what")
-        try:
-            one = _picked(trajectory, frames)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
-        if one is not None:
-            found.append(one)
-    if not found:
-        raise InputError("no trajectory files given in which an obstacle touches a body")
-    return found
+    return taken(files, lambda trajectory: _picked(trajectory, frames), "body")
 
 
 def _picked(trajectory: Trajectory, frames: int) -> Read | None:
     scene, last = Scene.from_toml(trajectory.scene), len(trajectory.displacement) - 1
     body = see(scene, solved_on(scene, trajectory))
-    first = int(np.floor(body.first_touch * last)) + 1
-    if first > last:
+    picked = since_touch(body.first_touch, last, frames)
+    if not len(picked):
         return None
-    picked = np.unique(np.linspace(first, last, frames).round().astype(int))
     digest = hashlib.sha256(np.ascontiguousarray(trajectory.displacement, "<f4").tobytes()).hexdigest()
     truth = trajectory.displacement[picked][:, trajectory.body].astype(np.float64)
     return Read(body, picked / last, truth, description(trajectory), digest, float(trajectory.extra.get("seconds", 0.0)))

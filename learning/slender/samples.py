@@ -9,12 +9,14 @@ Legend: P poses, R rows (sections of all poses, pose after pose), A and B featur
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
@@ -25,6 +27,8 @@ from learning.slender.features import Seen, shown
 from learning.slender.path import check_points
 from physics.scene import Scene
 from physics.schema import InputError
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -62,20 +66,36 @@ def load_samples(files: Sequence[str | Path], frames: int) -> list[Sample]:
     Raises:
         InputError: there are none, one is damaged, or its scene is not one of a beam
     """
+    return taken(files, lambda trajectory: sample_of(trajectory, frames), "beam")
+
+
+def taken(files: Sequence[str | Path], take: Callable[[Trajectory], T | None], kind: str) -> list[T]:
+    """What is taken of each of some trajectory files, those left out of which nothing is; kind: beam or body.
+
+    Raises:
+        InputError: there are none, one is damaged, or its scene is not of this kind
+    """
     found = []
     for path in tqdm(files, desc="load", disable=None, leave=False):
         trajectory = read_sound(path)
         if not trajectory.scene:
-            raise InputError(f"{path}: holds no scene, which tells a predictor of beams what presses on what")
+            kinds = {"beam": "beams", "body": "bodies"}[kind]
+            raise InputError(f"{path}: holds no scene, which tells a predictor of {kinds} what presses on what")
         try:
-            sample = sample_of(trajectory, frames)
+            one = take(trajectory)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        if sample is not None:
-            found.append(sample)
+        if one is not None:
+            found.append(one)
     if not found:
-        raise InputError("no trajectory files given in which an obstacle touches a beam")
+        raise InputError(f"no trajectory files given in which an obstacle touches a {kind}")
     return found
+
+
+def since_touch(first_touch: float, last: int, frames: int) -> NDArray[np.int64]:
+    """At most so many frames, evenly spaced from the first touch, a fraction of the path, to the last; none where nothing touches."""
+    first = int(np.floor(first_touch * last)) + 1
+    return np.unique(np.linspace(first, last, frames if first <= last else 0).round().astype(int))
 
 
 def sample_of(trajectory: Trajectory, frames: int) -> Sample | None:
@@ -83,10 +103,9 @@ def sample_of(trajectory: Trajectory, frames: int) -> Sample | None:
     beam = see(Scene.from_toml(trajectory.scene))
     check_points(beam, trajectory.points[trajectory.body])
     last = len(trajectory.displacement) - 1
-    first = int(np.floor(beam.first_touch * last)) + 1
-    if first > last:
+    picked = since_touch(beam.first_touch, last, frames)
+    if not len(picked):
         return None
-    picked = np.unique(np.linspace(first, last, frames).round().astype(int))
     truth = trajectory.displacement[picked][:, trajectory.body].astype(np.float64)
     seen, free = shown(beam, picked / last), trajectory.free[trajectory.body]
     coefficients = beam.project(truth)

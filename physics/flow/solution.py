@@ -93,7 +93,7 @@ def solve_flow(scene: FlowScene, *, mesh: Mesh | None = None, on_step: Callable[
     failure = ""
     try:
         if kept is not None and kept.frames:
-            frames = [dict(zip(kept.frames, rows, strict=True)) for rows in zip(*kept.frames.values(), strict=True)]
+            frames = kept.rows
             spent = float(kept.memory["seconds"])
             stepper.memory = unflatten(Memory, kept.memory)
         resumed = max(0, len(frames) - 1)
