@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physics.body.schedule import Moves
-from physics.body.supports import held, nodal_areas, rigid_motions_left, traction_load
+from physics.body.supports import held, loose, nodal_areas, rigid_motions_left, traction_load
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.scene import Body, Load, Support
@@ -150,3 +150,15 @@ def test_two_turns_contradict_by_their_angles_and_two_rests_do_not_by_their_tabl
         Moves(beam(support=[turn, turn | {"where": "z-min", "angle": 20.0}]), mesh)
     Moves(beam(support=[turn, turn | {"where": "x-min z-min"}]), mesh)
     Moves(beam(support=[{"where": "x-min"}, {"where": "z-min", "steps": [0.0, 1.0], "factor": [0.0, 3.0]}]), mesh)
+
+
+@pytest.mark.parametrize("common, left", [([0], 3), ([0, 1], 1), ([0, 1, 2], 0)])
+def test_a_cell_that_hangs_on_a_held_one_by_a_point_an_edge_or_a_face(common, left):
+    """It turns about the point in three ways, about the edge in one, about a face not at all."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, -1, -1], [0.5, -1, -1], [2, -1, -3]], float)
+    other = [*common, *range(4, 8 - len(common))]
+    used = np.unique([0, 1, 2, 3, *other])
+    mesh = Mesh(points=points[used], cells=np.searchsorted(used, [[0, 1, 2, 3], other]), cell="tetrahedron", places={})
+    fixed = np.repeat((used < 4)[:, None], 3, axis=1)
+    said = loose(mesh, fixed)
+    assert said.startswith(f"{left} motion{'s' if left > 1 else ''} left free: parts of the mesh hang together") if left else said == ""
