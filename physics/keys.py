@@ -77,6 +77,8 @@ def _limits(hint: Any, bound: Any) -> str:
     """What a value has to be, in words."""
     some = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
     form = next((_form(each) for each in some if typing.get_origin(each) is tuple), "")
+    if form == "names":
+        return form
     if bound is None:
         return form or ("true or false" if bool in some else "text" if str in some else "")
     if bound.choice and bound.at_least is None:
@@ -93,8 +95,10 @@ def _number(limit: float) -> str:
 
 
 def _form(hint: Any) -> str:
-    """How many numbers, or points, there are."""
+    """How many numbers, points or names there are."""
     inner = [each for each in typing.get_args(hint) if each is not Ellipsis]
+    if inner[0] is str:
+        return "names"
     if typing.get_origin(inner[0]) is tuple:
         what = f"points of {_form(inner[0])}"
         return what if Ellipsis in typing.get_args(hint) else f"{NUMBERS[len(inner)]} {what}"
