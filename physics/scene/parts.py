@@ -20,8 +20,11 @@ KEYS = {
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "hole_cell_size", "cell"),
     "file": ("path", "scale"),
 }
-# Which keys each shape of [obstacle] needs; a box may have a radius too.
-NEEDS = {"sphere": ("radius",), "cylinder": ("radius",), "capsule": ("radius", "length"), "box": ("size",), "half-space": ("normal",)}
+# Which keys each shape of [obstacle] needs; a box may have a radius and an angle too, and a mesh these and a scale. The surface of a mesh
+# comes from a `file`.
+NEEDS = {"sphere": ("radius",), "cylinder": ("radius",), "capsule": ("radius", "length"), "box": ("size",), "half-space": ("normal",),
+         "mesh": ("surface",)}
+TAKES = NEEDS | {"box": ("size", "radius", "angle"), "mesh": ("file", "surface", "source", "scale", "radius", "angle")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,22 +205,31 @@ class Obstacle:
     """A rigid body that touches without friction; what each shape is stands in contact/obstacles.py.
 
     Its centre follows the way-points of `path`, reached at equal fractions of the steps, or at those of `steps`, the first one at
-    step 0.
+    step 0. A box and a mesh may be turned by an `angle` about `axis`.
+
+    mesh: any closed surface, from a `file` of triangles relative to the scene file (surface.py). Its centre is the origin of the file,
+        whose coordinates times `scale` are metres; contact sees it smoothed over about `radius` (contact/tool.py). Read, the scene holds
+        the `surface` itself as a text, and in `source` where it is from, in place of the file.
     """
 
     @staticmethod
     def keys_for(table: dict[str, Any]) -> tuple[str, ...]:
         """The keys that the shape of a table takes."""
         shape = table.get("shape")
-        own = NEEDS.get(shape if isinstance(shape, str) else "", ()) + ("radius",) * (shape == "box")
-        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule")), "path", "steps", "contact")
+        own = TAKES.get(shape if isinstance(shape, str) else "", ())
+        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule", "box", "mesh")), "path", "steps", "contact")
 
     shape: str = quantity(choice=tuple(NEEDS))
     radius: float | None = quantity(None, unit="m", at_least=0, at_most=1e9)  # a box's edges: 1/20 of its smallest side
-    axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule
+    axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule; box and mesh are turned about it
+    angle: float | None = quantity(None, unit="degrees", at_least=-36_000, at_most=36_000)  # box and mesh
     length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # capsule, between the centres of its ends
     size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # box
     normal: Vector | None = None  # half-space, out of it
+    file: str | None = None
+    surface: str | None = None
+    source: str | None = None
+    scale: float | None = quantity(None, above=0, at_least=1e-12, at_most=1e12)
     path: tuple[Vector, ...] = quantity(unit="m", **FAR)
     steps: tuple[float, ...] | None = None
     contact: str = quantity("facets", choice=("facets", "nodes"))
