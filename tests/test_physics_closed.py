@@ -72,7 +72,8 @@ def test_on_the_surface_the_distance_is_nothing():
 
 def test_distance_worked_out_on_paper():
     surface, _, _ = closed("brick")
-    places = [[4, 0.1, 0.1], [0.2, 0.3, -0.5], [1 + 3, 0.6 + 4, 0], [-1 - 1, 0.6 + 2, -0.3 - 2], [0.1, 0.2, 0.1], [0.95, 0.1, 0.0], [-0.3, -0.58, 0.2]]
+    places = [[4, 0.1, 0.1], [0.2, 0.3, -0.5], [1 + 3, 0.6 + 4, 0], [-1 - 1, 0.6 + 2, -0.3 - 2], [0.1, 0.2, 0.1], [0.95, 0.1, 0.0],
+              [-0.3, -0.58, 0.2]]
     assert surface.distance(np.array(places))[0] == pytest.approx([3, 0.2, 5, 3, -0.2, -0.05, -0.02], abs=1e-15)
 
 

@@ -42,8 +42,10 @@ def test_every_default():
                      "steps": None, "factor": None},),
         "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False, "pressure": None,
                   "follower": None, "steps": None, "factor": None},),
-        "obstacle": {"shape": "sphere", "radius": 0.01, "axis": (0.0, 1.0, 0.0), "length": None, "size": None, "normal": None, "angle": None, "file": None,
-                     "surface": None, "source": None, "scale": None, "path": ((0.0, 0.0, 1.0),), "steps": None, "contact": "facets"},
+        "obstacle": {"shape": "sphere", "radius": 0.01, "axis": (0.0, 1.0, 0.0), "length": None, "size": None,
+                     "normal": None, "angle": None,
+                     "file": None, "surface": None, "source": None, "scale": None, "path": ((0.0, 0.0, 1.0),), "steps": None,
+                     "contact": "facets"},
         "steps": {"count": 400, "duration": None, "dynamic": False, "velocity": None}}
     bare = scene()
     assert bare.support == () and bare.load == () and bare.obstacle is None

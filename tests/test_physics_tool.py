@@ -61,7 +61,7 @@ def test_normal_is_the_gradient_and_bend_the_rising_part_of_the_second_derivativ
     random = np.random.default_rng(0)
     points = corners[random.integers(0, len(corners), 300)] + 0.003 * random.normal(size=(300, 3))
     step, centre = 1e-6, np.zeros(3)
-    gap, normal = body.gap(points, centre)
+    _, normal = body.gap(points, centre)
     slope = [(body.gap(points + step * e, centre)[0] - body.gap(points - step * e, centre)[0]) / (2 * step) for e in np.eye(3)]
     assert np.transpose(slope) == pytest.approx(normal, abs=1e-5)  # the third derivative is about 1 / h^2: 1e-12 / 1e-5
     second = [(body.gap(points + step * e, centre)[1] - body.gap(points - step * e, centre)[1]) / (2 * step) for e in np.eye(3)]

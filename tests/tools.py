@@ -8,7 +8,8 @@ import numpy as np
 from physics.contact.surfaces import box, capped, rounded
 
 # A spanner seen from above [mm]: a handle that ends in a jaw open to the right, counter-clockwise.
-SPANNER = np.array([(-60, -5), (-6, -5), (0, -11), (12, -11), (14, -5), (5, -5), (5, 5), (14, 5), (12, 11), (0, 11), (-6, 5), (-60, 5)], float)
+SPANNER = np.array([(-60, -5), (-6, -5), (0, -11), (12, -11), (14, -5), (5, -5),
+                    (5, 5), (14, 5), (12, 11), (0, 11), (-6, 5), (-60, 5)], float)
 # Its triangles, by the numbers of the outline.
 INSIDE = np.array([(0, 1, 10), (0, 10, 11), (1, 5, 10), (5, 6, 10), (1, 2, 5), (2, 3, 5), (3, 4, 5), (6, 9, 10), (6, 8, 9), (6, 7, 8)])
 

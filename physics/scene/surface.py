@@ -147,7 +147,7 @@ def _check(points: Floats, triangles: Integers) -> None:
     if (count != 2).any():
         at = int((count != 2).argmax())
         raise InputError(f"is not closed: the edge from {_at(points[edges[at, 0]])} to {_at(points[edges[at, 1]])} belongs to "
-                         f"{count[at]} triangle{'s' * (count[at] > 1)}, not to two")
+                         f"{count[at]} triangle{'s' * int(count[at] > 1)}, not to two")
 
 
 def _at(point: Floats) -> str:
