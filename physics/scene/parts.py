@@ -20,8 +20,11 @@ KEYS = {
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "hole_cell_size", "cell"),
     "file": ("path", "scale"),
 }
-# Which keys each shape of [obstacle] needs; a box may have a radius too.
-NEEDS = {"sphere": ("radius",), "cylinder": ("radius",), "capsule": ("radius", "length"), "box": ("size",), "half-space": ("normal",)}
+# Which keys each shape of [obstacle] needs; a box may have a radius and an angle too, and a mesh these and a scale. The surface of a mesh
+# comes from a `file`.
+NEEDS = {"sphere": ("radius",), "cylinder": ("radius",), "capsule": ("radius", "length"), "box": ("size",), "half-space": ("normal",),
+         "mesh": ("surface",)}
+TAKES = NEEDS | {"box": ("size", "radius", "angle"), "mesh": ("file", "surface", "source", "scale", "radius", "angle")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,14 +251,23 @@ class Obstacle:
     """A rigid body that touches without friction; what each shape is stands in contact/obstacles.py.
 
     Its centre follows the way-points of `path`, reached at equal fractions of the steps, or at those of `steps`, the first one at
-    step 0.
+    step 0. A box and a mesh may be turned by an `angle` about `axis`.
+
+    mesh: any closed surface, from a `file` of triangles relative to the scene file (surface.py). Its centre is the origin of the file,
+        whose coordinates times `scale` are metres; contact sees it smoothed over about `radius` (contact/tool.py). Read, the scene holds
+        the `surface` itself as a text, and in `source` where it is from, in place of the file.
 
     shape: of the body that presses
-    radius: of sphere, cylinder and capsule; of the edges of a box, a twentieth of its smallest side by default
-    axis: of a cylinder or capsule
+    radius: of sphere, cylinder and capsule; of the edges of a box, a twentieth of its smallest side by default; a mesh is smoothed over it
+    axis: of a cylinder or capsule; a box and a mesh are turned about it
+    angle: of that turn
     length: of a capsule, between the centres of its ends
     size: of a box along x, y and z
     normal: of a half-space, out of it
+    file: of the triangles of a mesh
+    surface: these triangles as a text, in a scene that was written
+    source: the file that they are from
+    scale: metres in a unit of the file
     path: of the centre
     steps: fractions 0 .. 1 at which the points of the path are reached, evenly by default
     contact: felt at points all over the facets, or at nodes alone
@@ -265,15 +277,20 @@ class Obstacle:
     def keys_for(table: dict[str, Any]) -> tuple[str, ...]:
         """The keys that the shape of a table takes."""
         shape = table.get("shape")
-        own = NEEDS.get(shape if isinstance(shape, str) else "", ()) + ("radius",) * (shape == "box")
-        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule")), "path", "steps", "contact")
+        own = TAKES.get(shape if isinstance(shape, str) else "", ())
+        return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule", "box", "mesh")), "path", "steps", "contact")
 
     shape: str = quantity(choice=tuple(NEEDS))
     radius: float | None = quantity(None, unit="m", at_least=0, at_most=1e9)
     axis: Vector = (0.0, 1.0, 0.0)
+    angle: float | None = quantity(None, unit="degrees", at_least=-36_000, at_most=36_000)
     length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     normal: Vector | None = None
+    file: str | None = None
+    surface: str | None = None
+    source: str | None = None
+    scale: float | None = quantity(None, above=0, at_least=1e-12, at_most=1e12)
     path: tuple[Vector, ...] = quantity(unit="m", **FAR)
     steps: tuple[float, ...] | None = None
     contact: str = quantity("facets", choice=("facets", "nodes"))
