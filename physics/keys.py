@@ -14,7 +14,7 @@ import typing
 from dataclasses import MISSING, dataclass
 from typing import Any
 
-from physics.scene import flow, parts
+from physics.scene import body, flow, parts
 
 HEADS = "key", "default", "limits", "what it is"
 NUMBERS = {2: "two", 3: "three"}
@@ -108,9 +108,9 @@ def _form(hint: Any) -> str:
 
 def scene_tables() -> str:
     """The keys of every table of a scene, solid or flow, under a heading for each table."""
-    shown = {"[body]": parts.Body, "[material], or [[material]] for each region": parts.Material,
+    shown = {"[body]": body.Body, "[material], or [[material]] for each region": body.Material,
              "[[support]]": parts.Support, "[[load]]": parts.Load, "[obstacle], or [[obstacle]] for each": parts.Obstacle,
-             "[steps]": parts.Steps, "where = { .. }, a place by coordinates": parts.Where,
+             "[steps]": parts.Steps, "where = { .. }, a place by coordinates": body.Where,
              "[fluid], which makes a flow of a scene": flow.Fluid, "[[inflow]]": flow.Inflow, "[[outflow]]": flow.Outflow,
              "[[wall]]": flow.Wall, "[force]": flow.Force, "[steps] of a flow": flow.FlowSteps}
     return "\n\n".join(f"### {head}\n\n{table(key.entries for key in keys(kind))}" for head, kind in shown.items())
