@@ -261,6 +261,7 @@ def test_what_newton_steps_make_of_a_network_is_told_by_factor_and_time():
         *rows(),
         row("M4GN b, as the start of Newton", "hybrid", 40.0, 1e-9, iterations=2.75),
         row("other, corrected 10-fold", "hybrid", 1.0, 1.0),
+        row("M4GN b, of a stranger", "foreign", 2.0, 1.0),
     ]
     # 0.2 mm / 0.05 mm is 4, 9 ms - 8 ms is 1
     assert module._of_correction(some) == [
