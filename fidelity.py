@@ -71,10 +71,11 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 def verify(options: Options) -> dict[str, Any]:
     """Any prediction in the trajectory format, or a folder of them, held against its reference and against the equations."""
-    from datagen.files.prediction import lines, verify_files
+    from datagen.files.prediction import lines
+    from datagen.flow.prediction import flow_lines, verify_files
 
     result = verify_files(options.prediction, options.reference, _writable(options.out))
-    for line in lines(result):
+    for line in (flow_lines if "nothing_changes" in result else lines)(result):
         _say(options, line)
     return result
 

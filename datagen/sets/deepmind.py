@@ -112,7 +112,7 @@ def export_records(folder: str | Path, out: str | Path, *, cells: str = "tetrahe
         for entry in progress([entry for entry in entries if entry.split == split], f"writing {split}"):
             trajectory = read_trajectory(folder / entry.file)
             fields = to_fields(trajectory, cells=cells)
-            meta = {name: _feature(name, field) for name, field in fields.items()}
+            meta: dict[str, Any] = {name: _feature(name, field) for name, field in fields.items()}
             meta["dt"] = trajectory.extra.get("step_seconds", 1.0) if trajectory.flows else 1.0
             if layout.setdefault("features", meta) != meta:
                 raise InputError(f"{folder / entry.file}: its steps or cells differ from those of the files before; this format "
