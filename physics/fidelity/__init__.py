@@ -4,6 +4,7 @@
     verify    its error, residual force, energy, penetration, reaction and mesh, against the scene it is of
     starts    where the steps of a frame begin
     currents  the equations of a flow at its stored nodes
+    carried   a stored flow at other points
     flow      how good a predicted flow is
     correct   what Newton steps make of it
 """

@@ -1,0 +1,4 @@
+"""Flows: what a learned simulator of them has to beat, and all of them beside each other.
+
+    rivals    predictors that know nothing, and the same solver on larger cells
+"""
