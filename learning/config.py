@@ -20,6 +20,16 @@ SCHEMES = ("step", "pose")
 
 
 @dataclass(frozen=True, kw_only=True)
+class Outputs:
+    """What a network predicts beside the state of a body or a fluid.
+
+    fields: of the trajectories, told at every node of the body as they are in the frame to come: ["stress"], ["pressure"]
+    """
+
+    fields: tuple[str, ...] = quantity(())
+
+
+@dataclass(frozen=True, kw_only=True)
 class TrainConfig:
     """Segments, graph, noise and schedule of one training.
 
@@ -56,6 +66,7 @@ class TrainConfig:
     mode_count: int = quantity(1, at_least=1, at_most=100)
     overlap: int = quantity(0, at_least=0, at_most=1)
     network: NetworkConfig = field(default_factory=M4GNConfig)
+    outputs: Outputs = field(default_factory=Outputs)
     contact_radius: float = quantity(0.002, unit="m", above=0)
     noise: float = quantity(1e-4, unit="m", at_least=0)
     batch_size: int = quantity(8, at_least=1, at_most=10_000)

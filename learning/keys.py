@@ -39,7 +39,7 @@ def keys(kind: type[Any] = TrainConfig, where: str = "") -> list[Key]:
             found += keys(typing.cast(type[Any], kinds[0]), f"{where}{field.name}.")
             continue
         default = "needed" if field.default is MISSING else "none" if field.default is None else _toml(field.default)
-        found.append(Key(where + field.name, default, _limits(field.metadata.get("bound")), about.get(field.name, "")))
+        found.append(Key(where + field.name, default, _limits(field.metadata.get("bound"), field.default), about.get(field.name, "")))
     return found
 
 
@@ -91,13 +91,17 @@ def _about(kind: type[Any]) -> dict[str, str]:
 
 
 def _toml(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
     return f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _limits(bound: Any) -> str:
+def _limits(bound: Any, default: Any) -> str:
     """The bounds of a key in words."""
     if bound is None:
         return "true or false"
+    if isinstance(default, tuple):
+        return "names"
     if bound.choice and bound.at_least is None:
         return " or ".join(f'"{choice}"' for choice in bound.choice)
     words = [f"{word} {limit:.10g}" for word, limit in (("above", bound.above), ("below", bound.below), ("from", bound.at_least),

@@ -16,8 +16,10 @@ plane, which gets a third component of zero. Such files have no scene, so their 
 
 Writing, prisms are cut into three tetrahedra each, because readers of DeformingPlate take four nodes of a cell for granted
 (cells "own" keeps them); the obstacle's triangles go to a field of their own, obstacle_cells (1, F, 3). Positions are in
-single precision there: of a body of 0.3 m, to 1.5e-8 m. We have no stress to write. Of a flow the first frame, in which the fluid is at
-rest, is left out, so 600 steps are 600 rows, as theirs are, and dt is the time between two of them [s].
+single precision there: of a body of 0.3 m, to 1.5e-8 m. Their stress is von Mises'; where our files have it (files/fields.py) it is written
+under that name, and the tensor as cauchy_stress (T, N, 6). A body in a plane that moves has a mesh_pos of two components, too, as a cloth.
+Of a flow the first frame, in which the fluid is at rest, is left out, so 600 steps are 600 rows, as theirs are; dt is the time between two
+of them [s].
 """
 
 from __future__ import annotations
@@ -232,20 +234,29 @@ def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
         body = tetrahedra(body)
     elif cells == "tetrahedra" and body.shape[1] == 8:
         raise InputError("hexahedra are not cut into tetrahedra here: ask for --cells own")
-    flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement.any()
+    flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement[0].any()
     found: Fields = {"cells": body[None].astype(np.int32)}
     surface = trajectory.obstacle
     if surface is not None:
         found["obstacle_cells"] = (surface[1] + int(trajectory.body.sum()))[None].astype(np.int32)
     found["mesh_pos"] = trajectory.points[None, :, :2 if flat else 3].astype(np.float32)
     found["node_type"] = trajectory.node_kind[None, :, None].astype(np.int32)
-    if not flat:
+    if not flat or trajectory.displacement.any():
         found["world_pos"] = (trajectory.points + trajectory.displacement).astype(np.float32)
     if not trajectory.flows:
-        return found | trajectory.fields
+        return found | _further(trajectory.fields)
     moving = slice(resting(trajectory), None)
     return found | {name: field[moving, :, :2] if name == "velocity" and flat and not field[:, :, 2:].any() else field[moving]
                     for name, field in trajectory.fields.items()}
+
+
+def _further(fields: Fields) -> Fields:
+    """Fields by their names there: the tensor of stress gives way to von Mises', which is what their stress is."""
+    if "von_mises" not in fields:
+        return fields
+    found = {"cauchy_stress" if name == "stress" else name: field for name, field in fields.items()}
+    found["stress"] = found.pop("von_mises")
+    return found
 
 
 def _feature(name: str, field: NDArray[Any]) -> dict[str, Any]:
