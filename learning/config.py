@@ -94,12 +94,15 @@ class PosesConfig:
 
     frames: that are learned from in each trajectory, evenly spaced from the first touch on
     poses: at which a path is predicted; splines lead from one to the next
-    batch_size: poses
+    batch_size: poses in a training step
     learning_rate: of AdamW, falling to zero by a cosine
+    weight_decay: of AdamW
+    clip_norm: largest norm of the gradient of all weights together
     steps, budget_seconds: training ends at whichever is reached first, and so does the cosine; reading the data is not counted
     validate_every: steps between checkpoints
     coverage: share of validation frames that the error bar shall cover
     unsure_above: a frame is unsure when its error bar is longer
+    seed: of weights and draws
     """
 
     frames: int = quantity(50, at_least=2)

@@ -44,6 +44,20 @@ class Body:
 
     `element` is how first-order cells are sampled (body/element.py): "reduced" lets the prisms of a beam bend as they should,
     "mean-dilatation" frees prisms and hexahedra of locking near a Poisson ratio of 1/2.
+
+    shape: one of these
+    length, width, height: along x, y and z; a channel's length and height are along x and y
+    cells: how many along the axes
+    cell_size: their edges, about
+    cell: their kind
+    order: of the displacement in a cell
+    element: how first-order cells are sampled
+    path: of a mesh file
+    scale: metres in a unit of the file
+    hole_centre, hole_radius: of a channel
+    hole_cell_size: edges of the cells at the hole
+    plane: what is zero across a plane body
+    thickness: of a plane body; 1 when left out
     """
 
     shape: str = quantity("beam", choice=tuple(KEYS))
@@ -103,6 +117,10 @@ class Orthotropic:
 
     Young's moduli are along x, y and z; Poisson's ratios those of xy, yz and xz, nu_ij = - strain along j over strain along i under
     a stress along i; shear moduli those of the planes xy, yz and xz.
+
+    young_moduli: along x, y and z
+    poisson_ratios: nu_xy, nu_yz and nu_xz
+    shear_moduli: G_xy, G_yz and G_xz
     """
 
     young_moduli: Vector = quantity(unit="Pa", above=0, at_least=1e-9, at_most=1e18)
@@ -117,6 +135,12 @@ class Material:
     An orthotropic one is given in place of young_modulus and poisson_ratio, which then are its first modulus and 0. Where a body has
     several, `where` says of which cells each one is: a region of a file, or a place by coordinates, which has the cells whose centres
     lie there; the one without is that of all other cells.
+
+    law: of stress and strain
+    young_modulus: needed unless orthotropic
+    poisson_ratio: needed unless orthotropic
+    density: for inertia, weight and frequencies
+    where: the cells, if not all
     """
 
     law: str = quantity("neo-hookean", choice=("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"))
@@ -132,10 +156,16 @@ class Where:
     """A place by coordinates: the nodes within a distance of a point or of a plane, or in a box between two corners.
 
     As a face it is made of the outer facets whose corners all lie there, as a region of the cells whose centres do.
+
+    near: a point
+    plane: a point of a plane
+    normal: of the plane
+    within: distance from the point or the plane
+    box: two opposite corners
     """
 
     near: Vector | None = quantity(None, unit="m")
-    plane: Vector | None = quantity(None, unit="m")  # a point of it
+    plane: Vector | None = quantity(None, unit="m")
     normal: Vector | None = None
     within: float | None = quantity(None, unit="m", at_least=0)
     box: tuple[Vector, Vector] | None = quantity(None, unit="m")
@@ -164,6 +194,13 @@ class Support:
 
     With `angle` the place turns as a whole about an `axis` through `centre`, by default the mean of its nodes. With `steps`, fractions
     0 .. 1, displacement and angle are at each of them the share `factor` of what is given (tables.py).
+
+    where: the place
+    fixed: the components that are held, some of the letters x, y and z
+    displacement: at the last step
+    axis, angle, centre: of a turn
+    steps: fractions 0 .. 1 at which shares are given; or table = a CSV file in place of both
+    factor: shares at these
     """
 
     where: str | Where
@@ -185,6 +222,15 @@ class Load:
     that moves (body/pressure.py).
     With `sudden` it acts in full from the start, in dynamic scenes only. With `steps`, fractions 0 .. 1, it is at
     each of them the share `factor` of what is given (tables.py).
+
+    where: the face; none for an acceleration
+    traction: force over area at rest
+    acceleration: of the whole body, as gravity
+    sudden: in full from the start
+    pressure: along the normal into the body
+    follower: whether a pressure turns with its face
+    steps: fractions 0 .. 1 at which shares are given; or table = a CSV file in place of both
+    factor: shares at these
     """
 
     where: str | Where | None = None
@@ -203,6 +249,16 @@ class Obstacle:
 
     Its centre follows the way-points of `path`, reached at equal fractions of the steps, or at those of `steps`, the first one at
     step 0.
+
+    shape: of the body that presses
+    radius: of sphere, cylinder and capsule; of the edges of a box, a twentieth of its smallest side by default
+    axis: of a cylinder or capsule
+    length: of a capsule, between the centres of its ends
+    size: of a box along x, y and z
+    normal: of a half-space, out of it
+    path: of the centre
+    steps: fractions 0 .. 1 at which the points of the path are reached, evenly by default
+    contact: felt at points all over the facets, or at nodes alone
     """
 
     @staticmethod
@@ -213,11 +269,11 @@ class Obstacle:
         return ("shape", *own, *("axis",) * (shape in ("cylinder", "capsule")), "path", "steps", "contact")
 
     shape: str = quantity(choice=tuple(NEEDS))
-    radius: float | None = quantity(None, unit="m", at_least=0, at_most=1e9)  # a box's edges: 1/20 of its smallest side
-    axis: Vector = (0.0, 1.0, 0.0)  # cylinder and capsule
-    length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # capsule, between the centres of its ends
-    size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)  # box
-    normal: Vector | None = None  # half-space, out of it
+    radius: float | None = quantity(None, unit="m", at_least=0, at_most=1e9)
+    axis: Vector = (0.0, 1.0, 0.0)
+    length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    size: Vector | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    normal: Vector | None = None
     path: tuple[Vector, ...] = quantity(unit="m", **FAR)
     steps: tuple[float, ...] | None = None
     contact: str = quantity("facets", choice=("facets", "nodes"))
@@ -229,6 +285,11 @@ class Steps:
 
     `dynamic` gives the body inertia; then `duration` is needed, and `velocity` is that of the whole body at the start, but for
     what is held.
+
+    count: how many
+    duration: of all of them
+    dynamic: whether the body has inertia
+    velocity: of the body at the start
     """
 
     count: int = quantity(400, at_least=1, at_most=1_000_000)
