@@ -44,6 +44,8 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
 def read_reference(path: str | Path) -> tuple[Trajectory, Scene | None, Mesh]:
     """The same, with None for the scene of a trajectory that holds none, such as an imported one: errors can be told, no more."""
     trajectory = read_sound(path)
+    if trajectory.flows:
+        raise InputError(f"{path}: a flow, and this is for solids")
     if len(trajectory.displacement) < 2:
         raise InputError(f"{path}: a single frame, so there is no step to predict")
     if not trajectory.free[trajectory.body].any():
