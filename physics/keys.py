@@ -100,7 +100,8 @@ def _form(hint: Any) -> str:
     if typing.get_origin(inner[0]) is tuple:
         what = f"points of {_form(inner[0])}"
         return what if Ellipsis in typing.get_args(hint) else f"{NUMBERS[len(inner)]} {what}"
-    return "numbers" if Ellipsis in typing.get_args(hint) else f"{NUMBERS[len(inner)]} numbers"
+    what = "texts" if inner[0] is str else "numbers"
+    return what if Ellipsis in typing.get_args(hint) else f"{NUMBERS[len(inner)]} {what}"
 
 
 def scene_tables() -> str:
