@@ -3,6 +3,7 @@
 A room imports what stands above it in this list, never below:
 
     schema, whole   a stranger's table read; a file written whole or not at all
+    foreign         a file as meshio reads it, or why it does not
     threads         one for the linear algebra
     journal         an unfinished path on disk, to go on from after a kill
     scene/          what is simulated: body, material, supports, loads, obstacle, steps

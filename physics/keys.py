@@ -14,7 +14,7 @@ import typing
 from dataclasses import MISSING, dataclass
 from typing import Any
 
-from physics.scene import flow, parts
+from physics.scene import body, flow, parts
 
 HEADS = "key", "default", "limits", "what it is"
 NUMBERS = {2: "two", 3: "three"}
@@ -77,6 +77,8 @@ def _limits(hint: Any, bound: Any) -> str:
     """What a value has to be, in words."""
     some = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
     form = next((_form(each) for each in some if typing.get_origin(each) is tuple), "")
+    if form == "names":
+        return form
     if bound is None:
         return form or ("true or false" if bool in some else "text" if str in some else "")
     if bound.choice and bound.at_least is None:
@@ -93,7 +95,7 @@ def _number(limit: float) -> str:
 
 
 def _form(hint: Any) -> str:
-    """How many numbers, or points, or names there are."""
+    """How many numbers, points or names there are."""
     inner = [each for each in typing.get_args(hint) if each is not Ellipsis]
     if inner[0] is str:
         return "names"
@@ -106,9 +108,9 @@ def _form(hint: Any) -> str:
 
 def scene_tables() -> str:
     """The keys of every table of a scene, solid or flow, under a heading for each table."""
-    shown = {"[body]": parts.Body, "[material], or [[material]] for each region": parts.Material,
+    shown = {"[body]": body.Body, "[material], or [[material]] for each region": body.Material,
              "[[support]]": parts.Support, "[[load]]": parts.Load, "[obstacle], or [[obstacle]] for each": parts.Obstacle,
-             "[steps]": parts.Steps, "where = { .. }, a place by coordinates": parts.Where,
+             "[steps]": parts.Steps, "where = { .. }, a place by coordinates": body.Where,
              "[fluid], which makes a flow of a scene": flow.Fluid, "[[inflow]]": flow.Inflow, "[[outflow]]": flow.Outflow,
              "[[wall]]": flow.Wall, "[force]": flow.Force, "[steps] of a flow": flow.FlowSteps}
     return "\n\n".join(f"### {head}\n\n{table(key.entries for key in keys(kind))}" for head, kind in shown.items())

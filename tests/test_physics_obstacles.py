@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from physics.contact import obstacles as obstacle
+from physics.contact import shapes
 from physics.contact.obstacles import Rigid
 from physics.scene import Obstacle
 
@@ -269,7 +270,7 @@ def test_half_space_is_shown_as_a_square_below_the_body():
 @pytest.mark.parametrize("axis", np.eye(3).tolist() + [[3.0, -1.0, 2.0], [-1.0, 5.0, 5.0], [4.0, 3.0, -1.0]])
 def test_across_an_axis_away_from_what_it_has_least_of(axis):
     axis = np.array(axis) / np.linalg.norm(axis)
-    across = obstacle._across(axis)
+    across = shapes._across(axis)
     assert across @ axis == pytest.approx(0, abs=1e-15) and np.linalg.norm(across) == pytest.approx(1, abs=1e-15)
     assert across[abs(axis).argmin()] == 0
 

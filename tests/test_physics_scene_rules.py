@@ -42,8 +42,10 @@ def test_every_default():
                      "steps": None, "factor": None},),
         "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False, "pressure": None,
                   "follower": None, "steps": None, "factor": None},),
-        "obstacle": {"shape": "sphere", "radius": 0.01, "axis": (0.0, 1.0, 0.0), "length": None, "size": None, "normal": None,
-                     "path": ((0.0, 0.0, 1.0),), "steps": None, "contact": "facets"},
+        "obstacle": {"shape": "sphere", "radius": 0.01, "axis": (0.0, 1.0, 0.0), "length": None, "size": None,
+                     "normal": None, "angle": None,
+                     "file": None, "surface": None, "source": None, "scale": None, "path": ((0.0, 0.0, 1.0),), "steps": None,
+                     "contact": "facets"},
         "steps": {"count": 400, "duration": None, "dynamic": False, "velocity": None}}
     bare = scene()
     assert bare.support == () and bare.load == () and bare.obstacle is None
@@ -290,7 +292,7 @@ def test_files(tmp_path):
                                                              "thickness"),
     ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, steps, contact"),
     ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, steps, contact"),
-    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, path, steps, contact"),
+    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, angle, axis, path, steps, contact"),
     ("steps", {"number": 1}, "count, duration, dynamic, velocity")])
 def test_an_unknown_key_lists_those_that_its_shape_takes(name, table, takes):
     whole = {"body": {"length": 1.0, "width": 1.0, "height": 1.0, "cells": [1, 1, 1]}, "material": {"young_modulus": 1, "poisson_ratio": 0}}

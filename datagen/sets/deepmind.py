@@ -164,7 +164,7 @@ def from_fields(fields: Fields, *, index: int = 0, source: str = "") -> Trajecto
     types = np.repeat([CELLS[cell].vtk, CELLS["triangle"].vtk], [len(body), len(corners)]).astype(np.uint8)
     made = Trajectory(
         points=points[order], connectivity=np.concatenate([body.ravel(), corners.ravel()]).astype(np.int64),
-        offsets=np.concatenate([[0], np.cumsum([OF_VTK[int(t)].corners for t in types])]).astype(np.int64), types=types,
+        offsets=np.concatenate([[0], np.cumsum([OF_VTK[int(t)].nodes for t in types])]).astype(np.int64), types=types,
         node_kind=kind[order].astype(np.uint8), displacement=displacement[:, order].astype(np.float32),
         modes=np.zeros((0, nodes, 3), np.float32), index=index, extra={"imported": source},
         fields={name: _in_space(name, field[:, order].astype(np.float32)) for name, field in fields.items()

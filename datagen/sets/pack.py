@@ -184,7 +184,7 @@ def decode(blob: bytes) -> Trajectory:
         there, shapes = arrays[f"there {name}"], arrays[f"shapes {name}"]
         arrays[f"field {name}"] = np.zeros((frames, len(kinds), shapes.shape[2]), np.float32)
         arrays[f"field {name}"][:, there] = _motion(shapes, arrays[f"shares {name}"], *how)
-    ends = np.cumsum([OF_VTK[int(kind)].corners for kind in arrays["types"]])
+    ends = np.cumsum([OF_VTK[int(kind)].nodes for kind in arrays["types"]])
     header["frequencies_hz"] = tuple(header["frequencies_hz"])
     names = header.pop("places", None)
 

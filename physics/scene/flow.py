@@ -23,7 +23,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from physics.scene.parts import FAR, PLANE_CELLS, Body
+from physics.scene.body import FAR, PLANE_CELLS, Body
 from physics.scene.rules import check_body, check_place, is_plane, keys_of, with_defaults
 from physics.scene.tables import check_steps
 from physics.schema import InputError, quantity, read_table, to_table

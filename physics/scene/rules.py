@@ -6,11 +6,12 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Material, Obstacle, Support, Where
+from physics.scene.body import KEYS, PLANE_CELLS, SOLID_CELLS, Body, Material, Where
+from physics.scene.parts import NEEDS, TAKES, Load, Obstacle, Support
+from physics.scene.surface import read_surface, surface_in
 from physics.scene.tables import check_steps
 from physics.schema import InputError, nearest
 
-TAKES = NEEDS | {"box": ("size", "radius")}  # besides shape, axis, path and contact
 CHANNEL = {"length": 1.6, "height": 0.41, "hole_centre": [0.2, 0.2], "hole_radius": 0.05, "cell_size": 0.02,
            "cell": "triangle"}
 
@@ -100,10 +101,11 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
         raise InputError("body.order = 2: prisms are of first order only; take cell = \"tetrahedron\" or \"hexahedron\"")
     if body.element == "reduced" and (body.shape != "beam" or body.cell != "prism" or body.extent[0] < max(body.extent[1:])):
         raise InputError("body.element = \"reduced\": only for a beam of prisms that is at least as long as wide and high; leave it out")
-    if body.element == "mean-dilatation" and body.shape != "file" and body.cell not in ("prism", "hexahedron"):
-        raise InputError(f"body.element = \"mean-dilatation\": only for prisms and hexahedra, not for cell = {body.cell!r}; leave it out")
-    if body.element != "standard" and body.order == 2:
-        raise InputError(f"body.element = {body.element!r}: for cells of first order only; leave it or order = 2 out")
+    if body.element == "mean-dilatation" and body.shape != "file" and (plane or (body.cell == "tetrahedron" and body.order == 1)):
+        raise InputError("body.element = \"mean-dilatation\": only for prisms, hexahedra and tetrahedra of order 2, not for cell = "
+                         f"{body.cell!r}; leave it out")
+    if body.element == "reduced" and body.order == 2:
+        raise InputError("body.element = \"reduced\": for cells of first order only; leave it or order = 2 out")
     if body.shape in ("beam", "plate"):
         if (body.cells is None) == (body.cell_size is None):
             raise InputError("body: give exactly one of cells and cell_size")
@@ -200,7 +202,8 @@ def _check_direction(vector: tuple[float, float, float] | None, key: str) -> Non
 
 def complete(obstacle: Obstacle, where: str = "obstacle") -> Obstacle:
     """An obstacle with all that its shape needs and nothing else. Raises `InputError`."""
-    for key in ("radius", "length", "size", "normal"):
+    obstacle = _with_surface(obstacle, where)
+    for key in ("radius", "length", "size", "normal", "file", "surface", "source", "scale", "angle"):
         given = getattr(obstacle, key) is not None
         if key in NEEDS[obstacle.shape] and not given:
             raise InputError(f"{where}.{key}: missing; a {obstacle.shape} needs it")
@@ -219,4 +222,27 @@ def complete(obstacle: Obstacle, where: str = "obstacle") -> Obstacle:
     if not obstacle.path:
         raise InputError(f"{where}.path must have at least one way-point")
     check_steps(obstacle.steps, obstacle.path, where, "path")
+    return obstacle
+
+
+def _with_surface(obstacle: Obstacle, where: str) -> Obstacle:
+    """An obstacle that holds its surface, which is sound, in place of a file. Raises `InputError`."""
+    if obstacle.shape != "mesh":
+        return obstacle
+    if (obstacle.file is None) == (obstacle.surface is None):
+        raise InputError(f"{where}: a mesh has a file" + ("; a surface stands in its place" if obstacle.file else ", which is missing"))
+    try:
+        if obstacle.file is not None:
+            surface, source = read_surface(obstacle.file)
+            obstacle = replace(obstacle, file=None, surface=surface, source=source)
+        assert obstacle.surface is not None
+        points, _ = surface_in(obstacle.surface)
+    except InputError as error:
+        raise InputError(f"{where}.{'file' if obstacle.file else 'surface'}: {error}") from None
+    smallest = (obstacle.scale or 1.0) * float((points.max(axis=0) - points.min(axis=0)).min())
+    if not 1e-9 <= smallest <= 1e9:
+        raise InputError(f"{where}: {smallest:.3g} m wide; from 1e-09 to 1e+09 m are taken")
+    if obstacle.radius is not None and not smallest / 200 <= obstacle.radius <= smallest / 4:
+        raise InputError(f"{where}.radius = {obstacle.radius!r}: must be from {smallest / 200:.3g} to {smallest / 4:.3g} m, "
+                         "1/200 to 1/4 of the smallest extent")
     return obstacle
