@@ -54,6 +54,7 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
         InputError: a mesh that cannot be segmented, or for a predictor of beams a scene that is none
     """
     if isinstance(model, AtOnce):
+        SOLID_BODY.check(trajectory)
         return _rolled_out_at_once(model, trajectory, correct)
     layout = model.normaliser.layout
     example = build_example(_blind(trajectory, layout), replace(model.config, estimate=False), layout=layout)
@@ -83,7 +84,9 @@ def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correcti
 
 
 def _blind(trajectory: Trajectory, layout: Layout = SOLID_BODY) -> Trajectory:
-    """The trajectory without the state of its free nodes, of a flow but for the first frames, and without further fields."""
+    """The trajectory without the state of its free nodes, of a flow but for the first frames, and without further fields. Raises
+    `InputError` for one of another layout."""
+    layout.check(trajectory)
     free = layout.free(trajectory)[:, None]
     if not layout.flow:
         return replace(trajectory, displacement=np.where(free, np.float32(0), trajectory.displacement), fields={})
