@@ -18,6 +18,7 @@ KEYS = {
     "beam": ("length", "width", "height", "cells", "cell_size", "cell"),
     "plate": ("length", "width", "height", "cells", "cell_size", "cell"),
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "hole_cell_size", "cell"),
+    "panel": ("outline", "holes", "height", "layers", "cell_size", "cell"),
     "file": ("path", "scale"),
 }
 # Which keys each shape of [obstacle] needs; a box may have a radius and an angle too, and a mesh these and a scale. The surface of a mesh
@@ -37,6 +38,9 @@ class Body:
     channel: a plane rectangle `length` x `height` from the origin with a round hole; what is left out is 1.6 x 0.41 m with
         a hole of radius 0.05 m at (0.2, 0.2), the domain of flow around a cylinder, in triangles of 0.02 m. With `hole_cell_size`
         these grow from that size on the hole to `cell_size`, and the hole is round for second order.
+    panel: a flat plate whose `outline` is a closed line through points (x, y), not closed by the last one, from z = 0 up to `height`,
+        with round `holes`, each (x, y, radius), in `layers` of tetrahedra (or prisms) of `cell_size` along its sides. Its places are
+        z-min, z-max, edge-1 from the first point to the second, edge-2, ..., and hole-1, hole-2, ...
     file: the mesh in `path`, relative to the scene file; its groups name the places. Its coordinates times `scale` are metres:
         0.001 for a file in millimetres.
 
@@ -58,6 +62,9 @@ class Body:
     cell: str = quantity("prism", choice=SOLID_CELLS + PLANE_CELLS)
     order: int = quantity(1, at_least=1, at_most=2)
     element: str = quantity("standard", choice=("standard", "mean-dilatation", "reduced"))
+    outline: tuple[tuple[float, float], ...] | None = quantity(None, unit="m", **FAR)
+    holes: tuple[Vector, ...] | None = quantity(None, unit="m", **FAR)
+    layers: int | None = quantity(None, at_least=1, at_most=1000)
     path: str | None = None
     scale: float | None = quantity(None, above=0, at_least=1e-12, at_most=1e12)
     hole_centre: tuple[float, float] | None = quantity(None, unit="m", **FAR)
@@ -78,6 +85,9 @@ class Body:
         """Length, width and height [m]; a plane body has height 0. Raises `InputError` for a file: its mesh has the extent."""
         if self.shape == "file":
             raise InputError("a body from a file has no length, width and height")
+        if self.shape == "panel" and self.outline is not None:
+            sides = tuple(max(along) - min(along) for along in zip(*self.outline, strict=True))
+            return (*sides, self.height or 0.0)  # type: ignore[return-value]
         sides = (self.length, self.height, 0.0) if self.shape == "channel" else (self.length, self.width, self.height or 0.0)
         assert None not in sides
         return sides  # type: ignore[return-value]
@@ -88,6 +98,8 @@ class Body:
         if self.cells is not None:
             return self.cells
         assert self.cell_size is not None
+        if self.layers is not None:
+            return (*(max(1, round(side / self.cell_size)) for side in self.extent[:2]), self.layers)
         return tuple(max(1, round(side / self.cell_size)) for side in self.extent if side)
 
     @property
@@ -97,6 +109,9 @@ class Body:
             return None
         if self.shape == "channel":
             return (*PLACES[:4], "inlet", "outlet", "walls", "hole")
+        if self.shape == "panel":
+            rims = (("edge", self.outline), ("hole", self.holes))
+            return (*PLACES[4:], *(f"{name}-{k + 1}" for name, parts in rims for k in range(len(parts or ()))))
         return PLACES[:4] if self.cell in PLANE_CELLS else PLACES
 
 
