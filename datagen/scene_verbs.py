@@ -173,8 +173,8 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
     from datagen.sets.generate import trajectory_of
     from physics.solution import solve
 
-    if scene.body.order != 1 or scene.body.shape == "channel":
-        raise InputError(f"{options.scene}: simulate takes solid bodies of first order; modes take others too")
+    if scene.body.shape == "channel":
+        raise InputError(f"{options.scene}: simulate takes no channel; modes do")
     out, table = writable(options.out, ".vtkhdf"), writable(options.csv, ".csv", option="--csv")
     html = writable(options.html, ".html", option="--html")
     if out.exists() and unfinished(out) not in (None, scene.to_toml()):

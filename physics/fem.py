@@ -29,8 +29,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Entities, Mesh, rows_in
-from physics.mesh.sound.curved import table
+from physics.mesh.second import further, is_curved, middle_nodes
 
 Floats = NDArray[np.float64]
 # A crash shall be a crash: PETSc's handler of signals may wait forever for a lock that the crash left behind.
@@ -124,24 +125,25 @@ class Space:
         comm: MPI.COMM_SELF, or MPI.COMM_WORLD when the space is spread over all processes
         components: D
         order: of the polynomials
-        nodes: (B,) the node of our mesh behind each block of D degrees of freedom, -1 where it is none (order 2)
+        nodes: (B,) the node of our mesh behind each block of D degrees of freedom, -1 where it is none (order 2 on cells of first order)
         dofs: (N, D) the degrees of freedom of each node of our mesh; -1 for those of other processes
         owned: how many of the blocks are this process's own
         degrees: of the quadrature of stiffness and mass
     """
 
     def __init__(self, mesh: Mesh, *, order: int = 1, components: int | None = None, spread: bool = False) -> None:
-        dimension = mesh.dimension
+        dimension, own = mesh.dimension, CELLS[mesh.cell]
+        kind, order = own.first or mesh.cell, 2 if own.first else order
         self.components, self.order = components or dimension, order
         D = self.components
         self.comm = MPI.COMM_WORLD if spread else MPI.COMM_SELF
-        self.degrees = QUADRATURE_DEGREE[mesh.cell], MASS_DEGREE[mesh.cell]
+        self.degrees = QUADRATURE_DEGREE[kind], MASS_DEGREE[kind]
         if order == 2:
-            self.degrees = (2, 4) if mesh.cell in ("triangle", "tetrahedron") else (5, 5)
-        cells, points = mesh.cells[:, FROM_GMSH[mesh.cell]], mesh.points
-        curved = order == 2 and bool(mesh.middles)
+            self.degrees = (2, 4) if kind in ("triangle", "tetrahedron") else (5, 5)
+        cells, points = mesh.cells[:, FROM_GMSH[kind]], mesh.points
+        curved = order == 2 and is_curved(mesh)
         if curved:
-            points, inside = table(points, mesh.cells, mesh.middles, _middles(mesh.cell))
+            points, inside = further(mesh, _middles(kind))
             cells = np.concatenate([cells, inside], axis=1)
             self.degrees = (5, 7)
         points = points[:, :dimension]
@@ -149,11 +151,11 @@ class Space:
             cells, points = cells[:0], points[:0]
         cells, points = np.ascontiguousarray(cells), np.ascontiguousarray(points)
         if OLD:
-            cell = ufl.Cell(mesh.cell, geometric_dimension=dimension)
+            cell = ufl.Cell(kind, geometric_dimension=dimension)
             dolfinx_mesh._uflcell_to_dolfinxcell["prism"] = dolfinx_mesh.CellType.prism
             element = ufl.VectorElement("Lagrange", cell, 2 if curved else 1)
         else:
-                element = basix.ufl.element("Lagrange", mesh.cell, 2 if curved else 1, shape=(dimension,))
+            element = basix.ufl.element("Lagrange", kind, 2 if curved else 1, shape=(dimension,))
         with _quiet():
             self.domain = dolfinx_mesh.create_mesh(self.comm, cells, points, ufl.Mesh(element))
         self.V = _lagrange(self.domain, order, D)
@@ -164,11 +166,14 @@ class Space:
         index_map = self.V.dofmap.index_map
         self.owned = index_map.size_local
         count = self.owned + index_map.num_ghosts
-        corners = np.asarray(self.domain.geometry.input_global_indices)[geometry[:, :mesh.cells.shape[1]]]  # (cells, k) in dolfinx's order
-        self._entities = _entities(corners, blocks, mesh.cell, self.V.dofmap.dof_layout) if order == 2 else {}
+        corners = np.asarray(self.domain.geometry.input_global_indices)[geometry[:, :own.corners]]  # (cells, k) in dolfinx's order
+        self._entities = _entities(corners, blocks, kind, self.V.dofmap.dof_layout) if order == 2 else {}
         first = blocks[:, : corners.shape[1]] if order == 1 else self._entities[1][0]
         self.nodes = np.full(count, -1, np.int64)
         self.nodes[first.ravel()] = corners.ravel() if order == 1 else self._entities[1][1].ravel()
+        for k, (inside_of, between) in self._entities.items():
+            if k > 1:
+                self.nodes[inside_of] = middle_nodes(mesh, between)
         self.dofs = np.full((len(mesh.points), D), -1, np.int64)
         ours = np.flatnonzero(self.nodes >= 0)
         self.dofs[self.nodes[ours]] = D * ours[:, None] + np.arange(D)
@@ -196,11 +201,11 @@ class Space:
         return self.V.tabulate_dof_coordinates()[:self.owned]
 
     def from_dofs(self, vector: Floats) -> Floats:
-        """(D N,) in dolfinx's order -> (N, D) in ours; for one process and first order."""
+        """(D N,) in dolfinx's order -> (N, D) in ours; for one process, where every block is a node."""
         return vector[self.dofs]
 
     def to_dofs(self, field: Floats) -> Floats:
-        """(N, D) in our order -> (D N,) in dolfinx's; for one process and first order."""
+        """(N, D) in our order -> (D N,) in dolfinx's; for one process, where every block is a node."""
         return field[self.nodes].ravel()
 
     def constant(self, value: float) -> Any:

@@ -291,11 +291,11 @@ def test_a_trajectory_is_viewed_as_a_page_too(capsys, tmp_path):
         assert table.count("<td>31.48</td>") == 1 and table.count("<td>") == 2 + stress
 
 
-def test_simulate_takes_solid_bodies_of_first_order(capsys, tmp_path):
-    (tmp_path / "s.toml").write_text(beam(body={"length": 0.1, "width": 0.02, "height": 0.02, "cells": [2, 2, 2], "cell": "hexahedron",
+def test_simulate_refuses_plane_cells_of_second_order_in_one_line(capsys, tmp_path):
+    (tmp_path / "s.toml").write_text(beam(body={"shape": "plate", "length": 0.1, "width": 0.02, "cells": [2, 2], "cell": "triangle",
                                                 "order": 2}).to_toml())
     status, _, err = called(capsys, "simulate", tmp_path / "s.toml", "--out", tmp_path / "t.vtkhdf")
-    assert status == 2 and "simulate takes solid bodies of first order" in err
+    assert status == 2 and "body.order = 2: triangles are solved at first order only" in err and not (tmp_path / "t.vtkhdf").exists()
 
 
 # the other verbs

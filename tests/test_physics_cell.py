@@ -1,11 +1,24 @@
 """What the table of cell types says: against VTK, meshio and the cells of side 1."""
 
+from itertools import product
+from math import factorial
+
 import meshio
 import numpy as np
 import pytest
-from vtkmodules.vtkCommonDataModel import vtkHexahedron, vtkQuad, vtkTetra, vtkTriangle, vtkWedge
+from vtkmodules.vtkCommonDataModel import (
+    vtkBiQuadraticQuad,
+    vtkHexahedron,
+    vtkQuad,
+    vtkQuadraticTetra,
+    vtkQuadraticTriangle,
+    vtkTetra,
+    vtkTriangle,
+    vtkTriQuadraticHexahedron,
+    vtkWedge,
+)
 
-from physics.mesh.cell import CELLS, OF_MESHIO, OF_VTK
+from physics.mesh.cell import CELLS, CURVED_TETRAHEDRON, OF_MESHIO, OF_VTK
 from physics.mesh.mesh import kind_of
 
 VTK = {"triangle": vtkTriangle, "quadrilateral": vtkQuad, "tetrahedron": vtkTetra, "hexahedron": vtkHexahedron, "prism": vtkWedge}
@@ -48,8 +61,10 @@ def test_other_numbers_of_the_kinds():
     assert CELLS["vertex"].dimension == 0 and CELLS["line"].dimension == 1
     assert {name: cell.plural for name, cell in CELLS.items() if cell.dimension >= 2} == {
         "triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra", "hexahedron": "hexahedra",
-        "prism": "prisms"}
-    assert [kind_of(np.zeros((1, n), int)) for n in (2, 3, 4)] == ["line", "triangle", "quadrilateral"]
+        "prism": "prisms", "triangle6": "triangles of 6 nodes", "quadrilateral9": "quadrilaterals of 9 nodes",
+        "tetrahedron10": "tetrahedra of 10 nodes", "hexahedron27": "hexahedra of 27 nodes"}
+    assert [kind_of(np.zeros((1, n), int)) for n in (2, 3, 4, 6, 9)] == [
+        "line", "triangle", "quadrilateral", "triangle6", "quadrilateral9"]
 
 
 @pytest.mark.parametrize("name", CELLS)
@@ -57,9 +72,67 @@ def test_names_and_numbers_are_those_of_meshio(name):
     cell = CELLS[name]
     assert meshio._vtk_common.meshio_to_vtk_type[cell.meshio] == cell.vtk
     assert meshio._mesh.topological_dimension[cell.meshio] == cell.dimension
-    assert meshio._common.num_nodes_per_cell[cell.meshio] == cell.corners
-    assert OF_MESHIO[cell.meshio] is cell and OF_VTK.get(cell.vtk) is (cell if cell.dimension > 1 else None)
+    assert meshio._common.num_nodes_per_cell[cell.meshio] == cell.nodes == cell.corners + len(cell.middles)
+    assert OF_MESHIO.get(cell.meshio) is (None if cell.middles else cell)  # files are read by their corners
+    body = cell.dimension == 3 or (cell.dimension == 2 and not cell.middles)
+    assert OF_VTK.get(cell.vtk) is (cell if body else None)
 
+
+SECOND_ORDER = {"triangle6": vtkQuadraticTriangle, "quadrilateral9": vtkBiQuadraticQuad, "tetrahedron10": vtkQuadraticTetra,
+                "hexahedron27": vtkTriQuadraticHexahedron}
+
+
+@pytest.mark.parametrize("name", SECOND_ORDER)
+def test_shape_functions_of_second_order_are_those_of_vtk(name):
+    theirs, cell = SECOND_ORDER[name](), CELLS[name]
+    places = np.reshape(theirs.GetParametricCoords(), (-1, 3))
+    np.testing.assert_array_equal(cell.places, places)
+    at = np.random.default_rng(0).uniform(0, 0.3, (5, 3)) * (1, 1, cell.dimension == 3)
+    for place in at:
+        weights, slopes = np.zeros(cell.nodes), np.zeros(cell.dimension * cell.nodes)
+        theirs.InterpolateFunctions(place, weights)
+        theirs.InterpolateDerivs(place, slopes)
+        values, gradients = cell.shapes(place)
+        assert values == pytest.approx(weights, abs=1e-14)
+        assert gradients[:, :cell.dimension].T.ravel() == pytest.approx(slopes, abs=1e-13)
+
+
+@pytest.mark.parametrize("name", ["tetrahedron10", "hexahedron27"])
+def test_facets_of_second_order_are_those_of_vtk_and_look_outward(name):
+    theirs, cell = SECOND_ORDER[name](), CELLS[name]
+    for i in range(theirs.GetNumberOfPoints()):
+        theirs.GetPointIds().SetId(i, i)
+    there = set()
+    for i in range(theirs.GetNumberOfFaces()):
+        face = theirs.GetFace(i)  # one object, filled anew
+        there.add(frozenset(face.GetPointId(k) for k in range(face.GetNumberOfPoints())))
+    assert {frozenset(facet) for facet in cell.facets} == there
+    for facet in cell.facets:
+        kind = CELLS[kind_of(np.array([facet]))]
+        np.testing.assert_allclose(kind.shapes(kind.places)[0] @ cell.places[list(facet)], cell.places[list(facet)], atol=1e-15)
+        corners = [cell.places[list(facet)][list(of)].mean(axis=0) for of in kind.middles]
+        np.testing.assert_array_equal(corners, cell.places[list(facet)][kind.corners:])
+        assert facet[:kind.corners] in CELLS[cell.first].facets
+
+
+def exact(powers, cell):
+    """The integral of r^a s^b t^c over a cell of side 1."""
+    if "hexa" in cell or "quadri" in cell:
+        return np.prod([1 / (p + 1) for p in powers])
+    return np.prod([factorial(p) for p in powers]) / factorial(sum(powers) + CELLS[cell].dimension)
+
+
+@pytest.mark.parametrize("name, rule, degree", [
+    ("triangle6", None, 4), ("quadrilateral9", None, 5), ("tetrahedron10", None, 2), ("tetrahedron10", CURVED_TETRAHEDRON, 3),
+    ("hexahedron27", None, 5)])
+def test_rules_of_second_order_are_exact_to_their_degree(name, rule, degree):
+    cell = CELLS[name]
+    points, weights = rule or (cell.points, cell.weights)
+    whole = cell.first in ("tetrahedron", "triangle")
+    for powers in product(range(degree + 1), repeat=cell.dimension):
+        if not whole or sum(powers) <= degree:
+            found = weights @ np.prod(points[:, :cell.dimension] ** powers, axis=1)
+            assert found == pytest.approx(exact(powers, name), rel=1e-12)
 
 @pytest.mark.parametrize("name", CORNERS)
 def test_mirrored_corners_turn_the_volume_over(name):
@@ -82,3 +155,14 @@ def test_each_shape_function_is_1_at_its_corner_and_0_at_the_others(name):
     values, _ = CELLS[name].shapes(np.array(CORNERS[name], float))
     np.testing.assert_array_equal(values, np.eye(CELLS[name].corners))
     assert CELLS[name].weights.sum() == pytest.approx({"tetrahedron": 1 / 6, "prism": 1 / 2, "hexahedron": 1}[name], rel=1e-15)
+
+
+@pytest.mark.parametrize("name, volume", [("triangle", 1 / 2), ("quadrilateral", 1.0), ("tetrahedron", 1 / 6), ("hexahedron", 1.0),
+                                          ("prism", 1 / 2)])
+def test_points_of_quadrature_integrate_linear_functions_over_the_reference_cell(name, volume):
+    """A triangle's or tetrahedron's centre is the mean of its corners; a square's and a cube's is the middle."""
+    cell = CELLS[name]
+    middle = {"triangle": [1 / 3, 1 / 3, 0], "quadrilateral": [1 / 2, 1 / 2, 0], "tetrahedron": [1 / 4] * 3, "hexahedron": [1 / 2] * 3,
+              "prism": [1 / 3, 1 / 3, 1 / 2]}[name]
+    assert cell.weights.sum() == pytest.approx(volume)
+    assert cell.weights @ cell.points == pytest.approx(volume * np.array(middle))

@@ -72,7 +72,7 @@ def wrong_places(places: Places, nodes: int) -> str:
         if "nodes" not in place:
             return f"place {name!r} has no nodes"
         for kind, array in place.items():
-            width = () if kind == "nodes" else (CELLS[kind].corners,) if kind in CELLS else None
+            width = () if kind == "nodes" else (CELLS[kind].nodes,) if kind in CELLS else None
             if width is None or array.dtype != np.int64 or array.ndim != 1 + len(width) or array.shape[1:] != width:
                 return f"place {name!r} has {kind!r} of an unknown form"
             if array.size and not (array.min() >= 0 and array.max() < nodes):

@@ -116,7 +116,7 @@ class Trajectory:
     def cells_of(self, vtk_type: int) -> NDArray[np.int64]:
         """(C, n) node numbers of the cells of one VTK type."""
         first = self.offsets[:-1][self.types == vtk_type]
-        return self.connectivity[first[:, None] + np.arange(OF_VTK[vtk_type].corners)]
+        return self.connectivity[first[:, None] + np.arange(OF_VTK[vtk_type].nodes)]
 
 
 def at_rest(mesh: Mesh, modes: NDArray[np.floating[Any]], **attributes: Any) -> Trajectory:
@@ -273,7 +273,7 @@ def problems(trajectory: Trajectory) -> list[str]:
     found = []
     nodes = len(trajectory.points)
     kinds = trajectory.node_kind
-    ends = np.cumsum([OF_VTK[int(kind)].corners if int(kind) in OF_VTK else 0 for kind in trajectory.types])
+    ends = np.cumsum([OF_VTK[int(kind)].nodes if int(kind) in OF_VTK else 0 for kind in trajectory.types])
     if not trajectory.complete:
         found.append("the solver stopped before the last step")
     if not np.array_equal(trajectory.offsets, np.concatenate([[0], ends])) or ends[-1] != len(trajectory.connectivity):

@@ -16,7 +16,8 @@ no scene, so their physics cannot be checked.
 
 Writing, prisms are cut into three tetrahedra each, because readers of DeformingPlate take four nodes of a cell for granted
 (cells "own" keeps them); the obstacle's triangles go to a field of their own, obstacle_cells (1, F, 3). Positions are in
-single precision there: of a body of 0.3 m, to 1.5e-8 m. We have no stress to write.
+single precision there: of a body of 0.3 m, to 1.5e-8 m. Their stress is von Mises'; where our files have it (files/fields.py) it is written
+under that name, and the tensor as cauchy_stress (T, N, 6). A body in a plane that moves has a mesh_pos of two components, too, as a cloth.
 """
 
 from __future__ import annotations
@@ -152,7 +153,7 @@ def from_fields(fields: Fields, *, index: int = 0, source: str = "") -> Trajecto
     types = np.repeat([CELLS[cell].vtk, CELLS["triangle"].vtk], [len(body), len(corners)]).astype(np.uint8)
     made = Trajectory(
         points=points[order], connectivity=np.concatenate([body.ravel(), corners.ravel()]).astype(np.int64),
-        offsets=np.concatenate([[0], np.cumsum([OF_VTK[int(t)].corners for t in types])]).astype(np.int64), types=types,
+        offsets=np.concatenate([[0], np.cumsum([OF_VTK[int(t)].nodes for t in types])]).astype(np.int64), types=types,
         node_kind=kind[order].astype(np.uint8), displacement=displacement[:, order].astype(np.float32),
         modes=np.zeros((0, nodes, 3), np.float32), index=index, extra={"imported": source},
         fields={name: field[:, order].astype(np.float32) for name, field in fields.items()
@@ -217,16 +218,20 @@ def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
         body = tetrahedra(body)
     elif cells == "tetrahedra" and body.shape[1] == 8:
         raise InputError("hexahedra are not cut into tetrahedra here: ask for --cells own")
-    flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement.any()
+    flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement[0].any()
     found: Fields = {"cells": body[None].astype(np.int32)}
     surface = trajectory.obstacle
     if surface is not None:
         found["obstacle_cells"] = (surface[1] + int(trajectory.body.sum()))[None].astype(np.int32)
     found["mesh_pos"] = trajectory.points[None, :, :2 if flat else 3].astype(np.float32)
     found["node_type"] = trajectory.node_kind[None, :, None].astype(np.int32)
-    if not flat:
+    if not flat or trajectory.displacement.any():
         found["world_pos"] = (trajectory.points + trajectory.displacement).astype(np.float32)
-    return found | trajectory.fields
+    further = dict(trajectory.fields)
+    if "von_mises" in further:  # what their stress is
+        further = {"cauchy_stress" if name == "stress" else name: field for name, field in further.items()}
+        further["stress"] = further.pop("von_mises")
+    return found | further
 
 
 def _feature(name: str, field: NDArray[Any]) -> dict[str, Any]:

@@ -164,7 +164,7 @@ def decode(blob: bytes) -> Trajectory:
         displacement[:, kinds == OBSTACLE] = arrays["path"][:, None]
     steps = header.pop("step", 0.0), np.array(header.pop("share_steps", []))
     displacement[:, moving] = arrays["motion"] if "motion" in arrays else _motion(arrays["shapes"], arrays["shares"], *steps)
-    ends = np.cumsum([OF_VTK[int(kind)].corners for kind in arrays["types"]])
+    ends = np.cumsum([OF_VTK[int(kind)].nodes for kind in arrays["types"]])
     header["frequencies_hz"] = tuple(header["frequencies_hz"])
     names = header.pop("places", None)
 

@@ -34,7 +34,8 @@ def trivial() -> list[Predictor]:
         def predict(case: Case) -> Prediction:
             start = time.process_time()
             path, steps = rule(case.truth, case.free)
-            return Prediction(path=path, seconds=time.process_time() - start, one_step=steps)
+            first = {field: values[:1] for field, values in case.trajectory.fields.items()} if rule is nothing_moves else {}
+            return Prediction(path=path, seconds=time.process_time() - start, one_step=steps, fields=first)
 
         return Predictor(name, "trivial", predict)
 

@@ -1,6 +1,5 @@
-"""Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report.
-
-Where the trajectories have no scene, as imported ones, the network and what knows nothing are held against the data alone.
+"""Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report; where the trajectories have
+no scene, as imported ones, against the data alone.
 
 On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser
 meshes, and the solver that made the truth, run again here for its time. What is written: report.py; the rivals: rivals.py;
@@ -38,6 +37,7 @@ from learning.report.report import write_report
 from learning.report.shown import exhibits, worst_frames
 from learning.report.table import JUDGED, Report, Row
 from learning.samples.seen import Seen, outside, read_seen
+from physics.fidelity.figures import field_columns, shown
 from physics.schema import InputError, to_table
 from physics.view import ObstacleSurface, frame_picture
 
@@ -158,6 +158,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
     for row in rows:
         errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmsd_1", "rmsd_50", "rmsd_all", "rmsd_refined"))
         lines.append(f"{row.name:36s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
+        lines += [f"    {column.head}: {shown(row.scores[key])} {column.unit}" for key, column in field_columns(row.scores).items()]
         lines += [f"    {row.about}"] * bool(row.about)
     return lines
 

@@ -92,7 +92,7 @@ class Elasticity:
         """Consistent mass matrix in dolfinx's order, no component held; the caller destroys it."""
         v, w = ufl.TestFunction(self.space.V), ufl.TrialFunction(self.space.V)
         density = self.space.number(cellwise(self.material, self.mesh, lambda own: own.density * self.mesh.thickness))
-        dx = ufl.dx(metadata={"quadrature_degree": fem.MASS_DEGREE[self.mesh.cell]})
+        dx = ufl.dx(metadata={"quadrature_degree": self.space.degrees[1]})
         return fem.matrix(density * ufl.inner(w, v) * dx)
 
     def weight(self, acceleration: Floats) -> Floats:

@@ -4,6 +4,10 @@
 
 A step through time has the masses for m (motion/dynamics.py), one through a viscous medium the volumes (equilibrium/snap.py).
 Legend: N nodes, C cells of n nodes.
+
+The mass of a node is the sum of its row of the consistent mass matrix. In a tetrahedron of second order that is below zero at corners, so
+there each node has its share of the diagonal: 1/36 of the cell's mass at a corner and 4/27 in a middle (Hinton, Rock and Zienkiewicz,
+Earthquake Engng Struct. Dyn. 4, 1976, 245).
 """
 
 from __future__ import annotations
@@ -14,9 +18,21 @@ from petsc4py import PETSc
 
 from physics import fem
 from physics.body.elasticity import Elasticity, Matrix
+from physics.body.material import cellwise
+from physics.mesh.quality import cell_volumes
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+
+def node_masses(body: Elasticity) -> Floats:
+    """(N, 1) [kg] lumped masses of a body, which add up to its mass."""
+    mesh = body.mesh
+    if mesh.cell != "tetrahedron10":
+        return body.weight(np.ones(3))[:, :1]
+    mass = cell_volumes(mesh.points, mesh.cells, mesh.cell) * cellwise(body.material, mesh, lambda own: own.density)
+    share = mass[:, None] * np.repeat([1 / 36, 4 / 27], [4, 6])
+    return np.bincount(mesh.cells.ravel(), share.ravel(), len(mesh.points))[:, None]
 
 
 class Lumped:

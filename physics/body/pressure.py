@@ -34,14 +34,16 @@ Integers = NDArray[np.int64]
 # Gauss points of a facet by its number of corners: weights (g,), shape functions (g, k), and their derivatives (g, 2, k).
 _SIGN = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 _AT = _SIGN[:, None] * _SIGN[None] / np.sqrt(3)  # (k, g, 2)
+_SECOND = [(cell, cell.shapes(cell.points)) for cell in (CELLS["triangle6"], CELLS["quadrilateral9"])]
 POINTS = {
     2: (np.ones(1), np.full((1, 2), 1 / 2), np.array([[[-1.0, 1.0], [0.0, 0.0]]])),
     3: (np.array([0.5]), np.full((1, 3), 1 / 3), np.array([[[-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]]])),
     4: (np.ones(4), np.prod(1 + _AT, axis=2).T / 4, (_SIGN[:, None] * (1 + _AT)[:, :, ::-1] / 4).transpose(1, 2, 0)),
+    **{cell.nodes: (cell.weights, values, slopes[..., :2].swapaxes(1, 2)) for cell, (values, slopes) in _SECOND},
 }
 
 
-def _tangents(points: Floats, corners: Integers, thickness: float) -> Floats:
+def tangents(points: Floats, corners: Integers, thickness: float) -> Floats:
     """(F, g, 2, 3) of facets (F, k) at their Gauss points."""
     tangent: Floats = np.einsum("gka,fai->fgki", POINTS[corners.shape[1]][2], points[corners])
     if corners.shape[1] == 2:
@@ -54,7 +56,7 @@ def pressure_force(points: Floats, facets: list[Integers], pressure: float, thic
     force = np.zeros_like(points)
     for corners in facets:
         weight, shape, _ = POINTS[corners.shape[1]]
-        tangent = _tangents(points, corners, thickness)
+        tangent = tangents(points, corners, thickness)
         normal = np.cross(tangent[:, :, 0], tangent[:, :, 1])  # (F, g, 3)
         np.add.at(force, corners, -pressure * np.einsum("g,ga,fgi->fai", weight, shape, normal))
     return force
@@ -63,7 +65,7 @@ def pressure_force(points: Floats, facets: list[Integers], pressure: float, thic
 def pressure_stiffness(points: Floats, corners: Integers, pressure: float, thickness: float = 1.0) -> Floats:
     """(F, 3 k, 3 k) the symmetric part of -df/dx of some facets (F, k) [N/m]."""
     weight, shape, slope = POINTS[corners.shape[1]]
-    tangent = _tangents(points, corners, thickness)
+    tangent = tangents(points, corners, thickness)
     cross = np.einsum("ijk,fgmj->fgmik", _LEVI_CIVITA, tangent)  # [t_m]: ([t] v)_i = e_ijk t_j v_k
     turn = np.einsum("gb,fgik->fgbik", slope[:, 1], cross[:, :, 0]) - np.einsum("gb,fgik->fgbik", slope[:, 0], cross[:, :, 1])
     whole = pressure * np.einsum("g,ga,fgbik->faibk", weight, shape, turn).reshape(len(corners), 3 * corners.shape[1], -1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.body.pressure import pressure_force
+from physics.body.pressure import POINTS, pressure_force, tangents
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, rows_in
 from physics.mesh.sound.fit import described, joined, piece_of
@@ -131,8 +131,12 @@ def nodal_areas(mesh: Mesh, place: str | Where) -> Floats:
             share = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)[:, None] * mesh.thickness / 2
         elif facets.shape[1] == 3:
             share = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)[:, None] / 6
-        else:
+        elif facets.shape[1] == 4:
             share = _bilinear_shares(x)
+        else:  # of second order: nothing at the corners of a flat triangle
+            weight, shape, _ = POINTS[facets.shape[1]]
+            tangent = tangents(mesh.points, facets, mesh.thickness)
+            share = np.einsum("g,fg,ga->fa", weight, np.linalg.norm(np.cross(tangent[:, :, 0], tangent[:, :, 1]), axis=2), shape)
         np.add.at(areas, facets, share)
     return areas
 

@@ -27,8 +27,10 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from physics.contact.obstacles import Rigid
+from physics.contact.points import merged, points_of
 from physics.contact.several import Rigids
-from physics.mesh.mesh import Mesh
+from physics.mesh.cell import CELLS
+from physics.mesh.mesh import Mesh, kind_of
 from physics.scene import Obstacle
 from physics.schema import InputError
 
@@ -60,8 +62,8 @@ class ContactSurface:
         Raises:
             InputError: the obstacle is so thin that it could pass between the points
         """
-        longest = max(float(np.linalg.norm(mesh.points[facets] - mesh.points[np.roll(facets, 1, axis=1)], axis=2).max())
-                      for facets in mesh.boundary if len(facets))
+        corners = [facets[:, :CELLS[kind_of(facets)].corners] for facets in mesh.boundary if len(facets)]
+        longest = max(float(np.linalg.norm(mesh.points[facets] - mesh.points[np.roll(facets, 1, axis=1)], axis=2).max()) for facets in corners)
         divisions = int(np.ceil(longest / width * (1 - 1e-9))) or 1
         if kind == "nodes" and divisions > 1:
             raise InputError(f"obstacle: {width:.3g} m wide, it could pass between nodes {longest:.3g} m apart; give smaller cells, or "
@@ -69,13 +71,13 @@ class ContactSurface:
         if divisions > FINEST:
             raise InputError(f"obstacle: {width:.3g} m wide, it is smaller than 1/{FINEST} of a cell's edge of {longest:.3g} m; "
                              "give smaller cells")
-        rows, columns, values, area = _points(mesh, divisions)
+        rows, columns, values, area = points_of(mesh, divisions)
         weights = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(area), len(mesh.points)))
         if kind == "nodes":
             area = weights.T @ area
             weights = scipy.sparse.identity(len(mesh.points), format="csr")
         else:
-            weights, area = _merged(weights, area)
+            weights, area = merged(weights, area)
         free = (area > 0) & ~((weights @ held.astype(float)) > 1 - 1e-9)
         self.weights, self.area = weights[free], area[free]
 
@@ -90,75 +92,6 @@ class Surfaces(ContactSurface):
     def __init__(self, each: Sequence[ContactSurface]) -> None:
         self.weights = scipy.sparse.vstack([surface.weights for surface in each], format="csr")
         self.area = np.concatenate([surface.area for surface in each])
-
-
-def _points(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """Point number, node and weight triplets, and areas, of the points of all facets, each facet divided along its edges."""
-    rows, columns, values, areas, count = [], [], [], [], 0
-    line, along = _simpson(divisions)
-    rules = {4: _on_quadrilateral(divisions), 3: _on_triangle(divisions), 2: (line, along / (6 * divisions))}
-    for facets in mesh.boundary:
-        shape, share = rules[facets.shape[1]]
-        corner = mesh.points[facets]
-        if facets.shape[1] == 2:
-            size = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1) * mesh.thickness
-        elif facets.shape[1] == 3:
-            size = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
-        else:
-            size = np.linalg.norm(np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]), axis=1) / 2
-        q = count + np.arange(len(facets) * len(share)).reshape(len(facets), len(share))
-        point, node = np.broadcast_arrays(q[:, :, None], facets[:, None, :])
-        weight = np.broadcast_to(shape, point.shape)
-        rows.append(point.ravel())
-        columns.append(node.ravel())
-        values.append(weight.ravel())
-        areas.append((size[:, None] * share).ravel())
-        count += q.size
-    return np.concatenate(rows), np.concatenate(columns), np.concatenate(values), np.concatenate(areas)
-
-
-def _simpson(divisions: int) -> tuple[Floats, Floats]:
-    """Shape functions (P, 2) and shares (P,) of a line times 6 divisions, by Simpson's rule: of each part ends and middle."""
-    along = np.linspace(0, 1, 2 * divisions + 1)
-    share = np.tile([2.0, 4.0], divisions + 1)[:-1]
-    share[[0, -1]] = 1
-    return np.stack([1 - along, along], axis=1), share
-
-
-def _on_quadrilateral(divisions: int) -> tuple[Floats, Floats]:
-    """Shape functions (P, 4) and shares of the area (P,) of Simpson's rule: of each part corners, middles of edges, centre.
-
-    All shares are positive, and a pressure that is linear over a facet gives its exact nodal forces; on triangles an even one does.
-    """
-    one, share = _simpson(divisions)
-    return np.einsum("ia,jb->ijab", one, one).reshape(-1, 4)[:, [0, 2, 3, 1]], np.outer(share, share).ravel() / (6 * divisions) ** 2
-
-
-def _on_triangle(divisions: int) -> tuple[Floats, Floats]:
-    """Shape functions (P, 3) and shares of the area (P,): of each part corners (1/12) and middles of edges (1/4)."""
-    ends = 2 * divisions
-    share = np.zeros((ends + 1, ends + 1))
-    upright = [(2 * i, 2 * j, 1) for i in range(divisions) for j in range(divisions - i)]
-    upside_down = [(2 * i, 2 * j, -1) for i in range(1, divisions) for j in range(1, divisions - i + 1)]
-    for i, j, turn in (*upright, *upside_down):
-        for a, b, part in ((0, 0, 1), (2, 0, 1), (0, 2, 1), (1, 0, 3), (0, 1, 3), (1, 1, 3)):
-            share[i + turn * a, j + turn * b] += part / 12 / divisions**2
-    s, t = np.argwhere(share > 0).T
-    return np.stack([ends - s - t, s, t], axis=1) / ends, share[s, t]
-
-
-def _merged(weights: scipy.sparse.csr_matrix, area: Floats) -> tuple[scipy.sparse.csr_matrix, Floats]:
-    """Points that several facets share, made one, with the sum of their areas."""
-    weights.eliminate_zeros()
-    weights.sort_indices()
-    key = np.zeros((weights.shape[0], 9))
-    key[:, 0] = np.diff(weights.indptr)
-    for i in range(4):
-        has = key[:, 0] > i
-        at = weights.indptr[:-1][has] + i
-        key[has, 2 * i + 1], key[has, 2 * i + 2] = weights.indices[at] + 1, weights.data[at].round(9)
-    _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    return weights[first], np.bincount(group.ravel(), weights=area).astype(np.float64)
 
 
 def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_], *, definite: bool = True) -> Floats:

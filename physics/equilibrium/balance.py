@@ -21,6 +21,7 @@ from physics.body.schedule import Moves, largest_share, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
 from physics.contact.conditions import CONTACT_STIFFNESS, cell_size, contact_of
 from physics.mesh.build import across
+from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
 from physics.scene import Load, Scene
 from physics.scene.plane import check_plane
@@ -52,10 +53,13 @@ class Balance:
         """Args: method, spread: of the linear algebra, as in `factor.solver_for`.
 
         Raises:
-            InputError: the body is free to move, or the obstacle starts inside of it
+            InputError: the body is free to move, of plane cells of second order, or the obstacle starts inside of it
         """
         if mesh.dimension == 2:
             check_plane(scene)
+        if scene.body.order == 2 and not CELLS[mesh.cell].middles:
+            raise InputError(f"body.order = 2: {CELLS[mesh.cell].plural} are solved at first order only, and have modes at second; "
+                             "leave it out, or take tetrahedra or hexahedra")
         mesh = across(mesh, scene.body)
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.fixed, self.moves = held(scene, mesh), Moves(scene, mesh)
@@ -193,7 +197,7 @@ def cells_said(scene: Scene) -> str:
     element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
     if is_plane(scene.body):
         element += f", plane {scene.body.plane or 'strain'}, {scene.body.thickness or 1.0:g} m thick"
-    return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of first order{element}"
+    return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of {'second' if scene.body.order == 2 else 'first'} order{element}"
 
 
 def material_said(scene: Scene) -> str:

@@ -6,7 +6,7 @@ Values are in SI units, under the names of `verify.Fidelity`; people see them un
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,8 +86,26 @@ MESH = {
     "inverted_elements": Column("inverted", "", "1", 1, "most cells that are turned inside out in one frame"),
 }
 FIGURES = ERROR | PUBLISHED | PHYSICS | MESH
+FIELD_UNITS = {"stress": "Pa", "von_mises": "Pa", "pressure": "Pa", "velocity": "m/s"}
 AT_ONCE = [key for key in PUBLISHED if "by_step" not in key]
 EXTREMES = {"largest_penetration": max, "smallest_det_f": min, "smallest_scaled_jacobian": min, "inverted_elements": max}
+
+
+def of_field(name: str) -> str:
+    """The key of a further field's error."""
+    return f"rmse_all:{name}"
+
+
+def field_columns(keys: Iterable[str]) -> dict[str, Column]:
+    """The figures of further fields among some keys."""
+    found = {}
+    for key in dict.fromkeys(keys):
+        if key.startswith(of_field("")):
+            name = key.partition(":")[2]
+            unit = FIELD_UNITS.get(name, "")
+            found[key] = Column(f"RMSE-all of {name}", unit, unit or "1", 1,
+                                f"root of the mean square over all steps, numbers and <b>all</b> nodes of the body, of the error of {name}")
+    return found
 
 
 def gathered(each: Sequence[dict[str, Any]]) -> dict[str, float]:
@@ -96,7 +114,7 @@ def gathered(each: Sequence[dict[str, Any]]) -> dict[str, float]:
     found = {}
     for key in each[0]:
         values = [float(figures[key]) for figures in each if not math.isnan(figures[key])]
-        together = EXTREMES.get(key, _root_mean_square if key in AT_ONCE else _mean)
+        together = EXTREMES.get(key, _root_mean_square if key.partition(":")[0] in AT_ONCE else _mean)
         found[key] = float(together(values)) if values else math.nan
     return found
 

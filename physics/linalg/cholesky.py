@@ -23,6 +23,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from physics.linalg.columns import Columns
 from physics.linalg.dissection import Dissection, Panels, dissect, slots
 from physics.linalg.stiffness import Stiffness
+from physics.mesh.cell import CELLS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -44,9 +45,7 @@ def narrowest_order(elasticity: Stiffness) -> tuple[Integers, int]:
     count, cells = len(mesh.points), elasticity.cells
     extent = np.ptp(mesh.points, axis=0)
     along = np.lexsort(mesh.points.round(12)[:, np.argsort(extent)].T)
-    ends = mesh.edges.T
-    graph = scipy.sparse.csr_matrix((np.ones(len(mesh.edges)), (ends[0], ends[1])), shape=(count, count))
-    candidates = [np.arange(count), along, reverse_cuthill_mckee(graph + graph.T, symmetric_mode=True)]
+    candidates = [np.arange(count), along, reverse_cuthill_mckee(_graph(elasticity), symmetric_mode=True)]
     places = []
     for sequence in candidates:
         place = np.empty(count, np.int64)
@@ -56,6 +55,18 @@ def narrowest_order(elasticity: Stiffness) -> tuple[Integers, int]:
     bands = [int(D * np.ptp(place[cells], axis=1).max() + D - 1) for place in places]
     best = int(np.argmin(bands))
     return places[best], bands[best]
+
+
+def _graph(elasticity: Stiffness) -> scipy.sparse.csr_matrix:
+    """(N, N) which nodes are neighbours: by edges, in cells of second order, whose edges leave out middles of faces, by cells."""
+    mesh, cells = elasticity.mesh, elasticity.cells
+    if CELLS[mesh.cell].middles:
+        touches = scipy.sparse.csr_matrix((np.ones(cells.size), cells.ravel(), cells.shape[1] * np.arange(len(cells) + 1)),
+                                          shape=(len(cells), len(mesh.points)))
+        return (touches.T @ touches).tocsr()
+    ends = mesh.edges.T
+    graph = scipy.sparse.csr_matrix((np.ones(len(mesh.edges)), (ends[0], ends[1])), shape=(len(mesh.points),) * 2)
+    return graph + graph.T
 
 
 class _Cholesky:

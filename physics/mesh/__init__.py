@@ -10,4 +10,5 @@
     quality    how good a deformed mesh is, against a true one and by itself
     transfer   displacements carried from one mesh to another
     refine     the same mesh on cells of half the size
+    second     the same mesh with cells of second order
 """

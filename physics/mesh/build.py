@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
+from physics.mesh.second import second_order
 from physics.mesh.shapes.boxes import box, rectangle
 from physics.mesh.shapes.channel import channel
 from physics.mesh.shapes.graded import graded_channel
@@ -14,7 +15,7 @@ from physics.scene import PLANE_CELLS, Body
 
 
 def build_mesh(body: Body) -> Mesh:
-    """The mesh of a body, built or read. Raises `InputError` when a file is not what it should be."""
+    """The mesh of a body, built or read; of a solid of order 2 it has second-order cells. Raises `InputError` when a file is not sound."""
     if body.shape == "file":
         assert body.path is not None
         mesh = read_mesh(body.path, order=body.order, scale=body.scale or 1.0)
@@ -24,7 +25,7 @@ def build_mesh(body: Body) -> Mesh:
         mesh = panel(body)
     else:
         mesh = rectangle(body) if body.cell in PLANE_CELLS else box(body)
-    return across(mesh, body)
+    return across(mesh if body.order == 1 or mesh.dimension == 2 else second_order(mesh), body)
 
 
 def across(mesh: Mesh, body: Body) -> Mesh:

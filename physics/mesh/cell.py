@@ -11,13 +11,23 @@ coordinates (r, s, t) go from 0 to 1; a plane cell has t = 0. The shape function
 
 and the rule of integration is exact for polynomials of degree 1 in triangles and tetrahedra, where strain is constant, and of degree 2
 across and 3 along the lines of the others. With one point, a prism would let motions without energy through.
-Legend: n corners of a cell, P points.
+
+Cells of second order have further nodes behind their corners, in VTK's order: in the middles of edges, and tensor products also in those of
+squares and of the cell. With l = (1 - r - s - t, r, s, t) and the quadratic functions of one coordinate that are 1 at 0, 1/2 or 1,
+
+    tetrahedron10, triangle6         corners l_i (2 l_i - 1), middles 4 l_i l_j
+    hexahedron27, quadrilateral9     (1 - x)(1 - 2 x), 4 x (1 - x) or x (2 x - 1) of each coordinate x
+
+A hexahedron of 20 nodes has corners that push the wrong way under an even pressure, and loses an order where it is distorted; so 27. The
+rules are exact for degree 2 in a tetrahedron (its strain is linear), degree 4 in a triangle and degree 5 in each coordinate of the others.
+Legend: n nodes of a cell, of first order its corners, P points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -44,6 +54,8 @@ class Cell:
     mirrored: the corners in the order that turns a negative volume into a positive one
     shape_functions: of (r, s, t), their values and gradients; cells of a body have them
     points, weights: the rule, (P, 3) and (P,); the weights' sum is the cell's volume or area in its own coordinates
+    first, middles: of a cell of second order the one with the same corners, and the corners that each further node lies between
+    places: (n, 3) of its nodes, of second order
     """
 
     name: str
@@ -58,6 +70,14 @@ class Cell:
     shape_functions: ShapeFunctions | None = None
     points: Floats = field(default_factory=lambda: np.empty((0, 3)))
     weights: Floats = field(default_factory=lambda: np.empty(0))
+    first: str = ""
+    middles: Corners = ()
+    places: Floats = field(default_factory=lambda: np.empty((0, 3)))
+
+    @property
+    def nodes(self) -> int:
+        """How many: the corners, and those of second order."""
+        return self.corners + len(self.middles)
 
     def shapes(self, at: ArrayLike) -> tuple[Floats, Floats]:
         """(..., n) shape functions and (..., n, 3) their gradients at places (..., 3); one of the functions is negative outside."""
@@ -97,7 +117,31 @@ def _hexahedron(r: Floats, s: Floats, t: Floats) -> tuple[list[Any], list[tuple[
     return values, gradients
 
 
-_ALL = (
+def _simplex(middles: Corners, r: Floats, s: Floats, t: Floats) -> tuple[list[Any], list[tuple[Any, ...]]]:
+    """Of second order; of a triangle t = 0 and the gradients along t do not count."""
+    corners = 1 + max(max(pair) for pair in middles)
+    l, slope = (1 - r - s - t, r, s, t), [np.eye(3)[i - 1] if i else -np.ones(3) for i in range(4)]
+    if corners == 3:
+        l, slope = (1 - r - s, r, s, t), [np.array([*each[:2], 0.0]) for each in slope]
+    values = [l[i] * (2 * l[i] - 1) for i in range(corners)] + [4 * l[i] * l[j] for i, j in middles]
+    gradients = [tuple((4 * l[i] - 1) * d for d in slope[i]) for i in range(corners)]
+    return values, gradients + [tuple(4 * (l[i] * e + l[j] * d) for d, e in zip(slope[i], slope[j], strict=True)) for i, j in middles]
+
+
+def _tensor(places: Floats, r: Floats, s: Floats, t: Floats) -> tuple[list[Any], list[tuple[Any, ...]]]:
+    """Of second order, with nodes at places (n, 2 or 3) of coordinates 0, 1/2 and 1."""
+    zero, one = np.zeros_like(r), np.ones_like(r)
+    lines = [{0.0: ((1 - x) * (1 - 2 * x), 4 * x - 3), 0.5: (4 * x * (1 - x), 4 - 8 * x), 1.0: (x * (2 * x - 1), 4 * x - 1)} for x in (r, s, t)]
+    values, gradients = [], []
+    for place in places.tolist():
+        parts = [line[x] for line, x in zip(lines, place, strict=False)] + [(one, zero)] * (3 - len(place))
+        (a, da), (b, db), (c, dc) = parts
+        values.append(a * b * c)
+        gradients.append((da * (b * c), db * (a * c), dc * (a * b)))
+    return values, gradients
+
+
+_FIRST = (
     Cell("vertex", "vertices", 0, 1, 1, "vertex"),
     Cell("line", "lines", 1, 2, 3, "line"),
     Cell("triangle", "triangles", 2, 3, 5, "triangle", edges=((0, 1), (1, 2), (2, 0)), facets=((0, 1), (1, 2), (2, 0)), mirrored=(0, 2, 1),
@@ -118,6 +162,58 @@ _ALL = (
          shape_functions=_prism,
          points=np.array([(r, s, t) for t in GAUSS for r, s in TRIANGLE]), weights=np.full(6, 1 / 12)),
 )
+
+
+def _second(name: str, plural: str, vtk: int, meshio: str, middles: Corners, points: Floats, weights: Floats) -> Cell:
+    """A cell of second order: its edges are halves, its facets have middles too."""
+    first = next(cell for cell in _FIRST if name.startswith(cell.name))
+    at = {frozenset(corners): first.corners + i for i, corners in enumerate(middles)}
+    edges = [half for a, b in first.edges for half in ((a, at[frozenset((a, b))]), (at[frozenset((a, b))], b))]
+    around = [(*facet, *(at[frozenset(pair)] for pair in zip(facet, facet[1:] + facet[:1], strict=True)),
+               *(at[frozenset(facet)] for _ in range(len(facet) == 4))) for facet in (first.facets if first.dimension == 3 else ())]
+    simplex = first.name in ("triangle", "tetrahedron")
+    corners = np.concatenate([np.zeros((1, 3)), np.eye(3)]) if simplex else np.array(HEXAHEDRON, float)
+    places = np.array([corners[list(of)].mean(axis=0) for of in (*((i,) for i in range(first.corners)), *middles)])
+    return Cell(name, plural, first.dimension, first.corners, vtk, meshio, tuple(edges), tuple(around),
+                shape_functions=partial(_simplex, middles) if simplex else partial(_tensor, places[:, :first.dimension]),
+                points=points, weights=weights, first=first.name, middles=middles, places=places)
+
+
+def _gauss(dimension: int) -> tuple[Floats, Floats]:
+    """Three points along each coordinate."""
+    x, w = np.array([0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5]), np.array([5, 8, 5]) / 18
+    points = np.array([(*place, 0.0)[:3] for place in product(x, repeat=dimension)])
+    return points, np.array([np.prod(each) for each in product(w, repeat=dimension)])
+
+
+def _orbits(dimension: int, *orbits: tuple[float, float]) -> tuple[Floats, Floats]:
+    """Points that have all barycentric coordinates but one equal to a, with the weight w each, for each (a, w)."""
+    points, weights = [], []
+    for a, w in orbits:
+        for i in range(dimension + 1):
+            l = np.full(dimension + 1, a)
+            l[i] = 1 - dimension * a
+            points.append((*l[1:], 0.0)[:3])
+            weights.append(w)
+    return np.array(points), np.array(weights)
+
+
+# Of degree 2: Zienkiewicz and Taylor, The Finite Element Method, table 5.4; of degree 3 (Keast, Comput. Meth. Appl. Mech. Engng 55, 1986,
+# 339), for cells with curved sides, over which the integrals of the gradients are of that degree; of degree 4: Strang and Fix, table 4.1.
+TETRAHEDRON = _orbits(3, ((5 - 5**0.5) / 20, 1 / 24))
+CURVED_TETRAHEDRON = _orbits(3, (0.32816330251638168, 0.13621784253708742 / 6), (0.10804724989842862, 0.11378215746291258 / 6))
+_TRIANGLE6 = _orbits(2, (0.44594849091596489, 0.22338158967801147 / 2), (0.09157621350977073, 0.10995174365532187 / 2))
+_FACES = ((3, 0, 4, 7), (1, 2, 6, 5), (0, 1, 5, 4), (2, 3, 7, 6), (0, 3, 2, 1), (4, 5, 6, 7))  # of a hexahedron, as VTK counts them
+_EDGES = {cell.name: cell.edges for cell in _FIRST}
+_SECOND = (
+    _second("triangle6", "triangles of 6 nodes", 22, "triangle6", _EDGES["triangle"], *_TRIANGLE6),
+    _second("quadrilateral9", "quadrilaterals of 9 nodes", 28, "quad9", (*_EDGES["quadrilateral"], (0, 1, 2, 3)), *_gauss(2)),
+    _second("tetrahedron10", "tetrahedra of 10 nodes", 24, "tetra10", _EDGES["tetrahedron"], *TETRAHEDRON),
+    _second("hexahedron27", "hexahedra of 27 nodes", 29, "hexahedron27", (*_EDGES["hexahedron"], *_FACES, tuple(range(8))), *_gauss(3)),
+)
+_ALL = (*_FIRST, *_SECOND)
 CELLS = {cell.name: cell for cell in _ALL}
-OF_VTK = {cell.vtk: cell for cell in _ALL if cell.dimension >= 2}  # what a trajectory is made of
-OF_MESHIO = {cell.meshio: cell for cell in _ALL}
+SECOND = {cell.first: cell.name for cell in _SECOND}
+# What a trajectory is made of.
+OF_VTK = {cell.vtk: cell for cell in _ALL if cell.dimension == 3 or (cell.dimension == 2 and not cell.middles)}
+OF_MESHIO = {cell.meshio: cell for cell in _FIRST}

@@ -1,7 +1,7 @@
 """Points and cells of a body, its outer surface, and its named places.
 
-Cells are listed in gmsh's vertex order with positive volume, which is VTK's order for the cell types used here. Plane
-bodies lie in z = 0. Legend: N nodes, C cells, F facets, k corners.
+Cells are listed in gmsh's vertex order with positive volume, which is VTK's order for the cell types used here; further nodes of cells
+of second order stand behind their corners, as in VTK. Plane bodies lie in z = 0. Legend: N nodes, C cells, F facets, k nodes of one.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from physics.schema import InputError, nearest
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+QUARTERS = {6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)), 9: ((0, 4, 8, 7), (4, 1, 5, 8), (8, 5, 2, 6), (7, 8, 6, 3))}
 Parts = list[tuple[str, Integers]]  # kinds (keys of DIMENSION) with their node numbers (.., k)
 Entities = dict[int, Integers]  # (.., k) for each number of corners k, each row sorted
 
@@ -32,12 +33,12 @@ class Mesh:
 
     points: (N, 3) rest positions [m]
     cells: (C, k) node numbers
-    cell: triangle, quadrilateral, tetrahedron, prism or hexahedron
+    cell: triangle, quadrilateral, tetrahedron, prism or hexahedron; of second order tetrahedron10 or hexahedron27
     places: sorted node numbers of each named place
     parts: what each place of a file is made of; without it a place is made of the outer facets between its nodes
     remarks: what was found odd when the mesh was read, a line each
     mixed: names that stand for several groups, with what these are called
-    middles: where the middle nodes of curved cells lie; see sound/curved.py
+    middles: of a mesh of first order where the middle nodes of curved cells lie; see sound/curved.py and second.py
     thickness: of a plane body [m]; sheet: whether that may change, with no stress across it, or cannot, with no strain
     """
 
@@ -78,7 +79,7 @@ class Mesh:
 
     def _facets(self, chosen: Callable[[Integers], NDArray[np.bool_]]) -> list[Integers]:
         found = []
-        for n in (2, 3, 4):
+        for n in (2, 3, 4, 6, 9):
             local = [facet for facet in CELLS[self.cell].facets if len(facet) == n]
             if not local:
                 continue
@@ -89,8 +90,14 @@ class Mesh:
 
     @property
     def surface(self) -> list[Integers]:
-        """What can be seen: the outer facets of a solid body, (F, 3) triangles and (F, 4) quadrilaterals; of a plane one all cells."""
-        return self.boundary if self.dimension == 3 else [self.cells]
+        """What can be seen: the outer facets of a solid body, (F, 3) triangles and (F, 4) quadrilaterals; of a plane one all cells.
+
+        Of second order these are four for each facet, between all of its nodes.
+        """
+        if self.dimension == 2:
+            return [self.cells]
+        return [np.concatenate([facets[:, list(part)] for part in QUARTERS[facets.shape[1]]]) if facets.shape[1] in QUARTERS else facets
+                for facets in self.boundary]
 
     @cached_property
     def edges(self) -> Integers:
@@ -161,7 +168,7 @@ class Mesh:
 
 def kind_of(facets: Integers) -> str:
     """The kind of facets (F, k)."""
-    return {2: "line", 3: "triangle", 4: "quadrilateral"}[facets.shape[1]]
+    return {2: "line", 3: "triangle", 4: "quadrilateral", 6: "triangle6", 9: "quadrilateral9"}[facets.shape[1]]
 
 
 def closure(parts: Parts) -> Entities:

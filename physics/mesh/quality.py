@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from physics.mesh.cell import CELLS, GAUSS, HEXAHEDRON
+from physics.mesh.cell import CELLS, CURVED_TETRAHEDRON, GAUSS, HEXAHEDRON
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -105,7 +105,7 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
 
     J is the Jacobian of the isoparametric map, X = points (N, 3) the rest positions, x = X + displacement (..., N, 3) [m]. Plane
     cells are looked at from z: J is that of x and y.
-    The quadrature points are those of degree 2: in a hexahedron 2 x 2 x 2 Gauss points, in a prism the heights of the two
+    The quadrature points are those of degree 2, of cells of second order those of degree 3 in a tetrahedron and 5 in a hexahedron: in a hexahedron 2 x 2 x 2 Gauss points, in a prism the heights of the two
     Gauss points at the triangle's vertices (det J is linear across the triangle, so this bounds all points at that height).
     """
     x = np.asarray(points, np.float64) + np.asarray(displacement, np.float64)
@@ -118,7 +118,9 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
 
 
 def centre_gradients(cell: str) -> Floats:
-    """(n, 3) gradients of the shape functions at a cell's centre in the cell's coordinates: linear in each, so the vertices' mean."""
+    """(n, 3) gradients of the shape functions at a cell's centre in its coordinates: of first order linear in each, so the vertices' mean."""
+    if CELLS[cell].middles:
+        return CELLS[cell].shapes(CELLS[cell].places[:CELLS[cell].corners].mean(axis=0))[1]
     gradients = _samples(cell)[0]
     return gradients[:gradients.shape[1]].mean(axis=0)
 
@@ -134,6 +136,7 @@ def mesh_continuity(points: ArrayLike, cells: Integers, cell: str) -> Floats:
     Neighbours share a facet (triangles: an edge). As the paper's formula stands, the cell itself is not among its
     neighbours, and one with a single neighbour counts 1. Volumes enter by their size: inversion is counted elsewhere.
     """
+    cells, cell = _corners(cells, cell)
     size = abs(cell_volumes(points, cells, cell))
     beside = _neighbours(cells, cell)
     largest, smallest = size[..., beside[:, 0]], size[..., beside[:, 0]]
@@ -161,6 +164,7 @@ def aspect_ratio(points: ArrayLike, cells: Integers, cell: str) -> Floats:
     hexahedron   L / V^(1/3)                     own: 1 for the cube
     quadrilateral  L / A^(1/2)                   own: 1 for the square
     """
+    cells, cell = _corners(cells, cell)
     longest = np.sqrt(_squared_edges(np.asarray(points, np.float64), cells, cell).max(axis=0))
     size = abs(cell_volumes(points, cells, cell))
     with np.errstate(divide="ignore"):
@@ -184,6 +188,7 @@ def scaled_jacobian(points: ArrayLike, cells: Integers, cell: str) -> Floats:
     As VTK's and Verdict's (Stimpson et al. 2007), which for a hexahedron look at its centre as well.
     """
     positions = np.asarray(points, np.float64)
+    cells, cell = _corners(cells, cell)
     even = cell in ("triangle", "tetrahedron")  # det J is the same everywhere
     vertices = np.zeros(cells.shape[1], int) if even else np.arange(cells.shape[1])
     corners = _by_frame(list(_jacobians(positions, cells, cell, vertices)), positions)  # (n, ..., C)
@@ -191,6 +196,11 @@ def scaled_jacobian(points: ArrayLike, cells: Integers, cell: str) -> Floats:
     lengths = [np.sqrt(np.prod([squared[e] for e, edge in enumerate(CELLS[cell].edges) if vertex in edge], axis=0))
                for vertex in range(cells.shape[1])]
     return IDEAL_CORNER[cell] * np.min([corner / length for corner, length in zip(corners, lengths, strict=True)], axis=0)
+
+
+def _corners(cells: Integers, cell: str) -> tuple[Integers, str]:
+    """Of cells of second order those of first order with the same corners, whose shape is what is judged."""
+    return (cells[:, :CELLS[cell].corners], CELLS[cell].first) if CELLS[cell].first else (cells, cell)
 
 
 def _squared_edges(points: Floats, cells: Integers, cell: str) -> Floats:
@@ -226,6 +236,10 @@ def _samples(cell: str) -> tuple[Floats, Floats]:
     points, weights = CELLS[cell].points, CELLS[cell].weights
     if cell in ("triangle", "tetrahedron"):
         pass  # the gradients are the same everywhere
+    elif CELLS[cell].middles:
+        nodes = CELLS[cell].places
+        inner, weights = CURVED_TETRAHEDRON if cell == "tetrahedron10" else (points, weights)
+        points, weights = np.concatenate([nodes, inner]), np.concatenate([np.zeros(len(nodes)), weights])
     elif cell == "quadrilateral":
         points, weights = np.concatenate([HEXAHEDRON[:4], points]), np.repeat([0.0, 1 / 4], 4)
     elif cell == "prism":

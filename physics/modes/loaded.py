@@ -39,15 +39,13 @@ def loaded_stiffness(scene: Scene, mesh: Mesh, u: Floats, fraction: float) -> tu
         a matrix that the caller destroys; held rows and columns are those of the identity
 
     Raises:
-        InputError: the law has no tangent but that of rest, the body is in motion, plane or of second order, or free to move
+        InputError: the law has no tangent but that of rest, the body is in motion or plane of second order, or free to move
         NoEquilibrium: there is no stable equilibrium beside the state
     """
     if scene.linear:
         raise InputError("material.law = 'linear': its stiffness is that of rest whatever the load; take a law of finite strain")
     if scene.steps.dynamic:
         raise InputError("steps.dynamic = true: a body in motion is in no equilibrium to swing about")
-    if scene.body.order != 1:
-        raise InputError("body.order = 2: loaded bodies are of first order; leave it out")
     balance = Balance(scene, mesh)
     points = 0 if balance.contact is None else len(balance.contact.surface.area)
     state, felt = State(fraction, np.asarray(u, np.float64), np.zeros(points)), None

@@ -13,7 +13,7 @@ trapezoidal rule: second order, a period T comes out longer by the factor 1 + (2
 
 How contact is kept from making energy stands in impact.py. The reaction of a step is its impulse over h.
 
-M is lumped: the rows of the consistent mass matrix summed, one mass for each node. It has the body's mass and weight.
+M is lumped, one mass for each node (body/lumped.py). It has the body's mass and weight.
 
 A step is an equilibrium problem, of a body with K/2 + 2 M / h^2 for a stiffness, and newton.py solves it.
 
@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
-from physics.body.lumped import Lumped
+from physics.body.lumped import Lumped, node_masses
 from physics.body.schedule import share
 from physics.body.supports import traction_load
 from physics.equilibrium.balance import Balance, contact_said, material_said
@@ -51,7 +51,7 @@ class Moving(Lumped):
     """A body within one step of time, whose forces and stiffness are those of the step's equations."""
 
     def __init__(self, body: Elasticity) -> None:
-        self.node_mass = body.weight(np.ones(3))[:, :1]  # (N, 1) [kg]
+        self.node_mass = node_masses(body)  # (N, 1) [kg]
         share = (self.node_mass.ravel() / np.bincount(body.cells.ravel()))[body.cells]  # (C, n)
         super().__init__(body, share, scale=0.5)
         self.start = self.velocity = self.outer = np.zeros_like(body.mesh.points)

@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, TAKES, Body, Load, Material, Obstacle, Support, Where
+from physics.scene.body import KEYS, PLANE_CELLS, SOLID_CELLS, Body, Material, Where
+from physics.scene.parts import NEEDS, TAKES, Load, Obstacle, Support
 from physics.scene.surface import read_surface, surface_in
 from physics.scene.tables import check_steps
 from physics.schema import InputError, nearest
@@ -103,10 +104,11 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
         raise InputError("body.order = 2: prisms are of first order only; take cell = \"tetrahedron\" or \"hexahedron\"")
     if body.element == "reduced" and (body.shape != "beam" or body.cell != "prism" or body.extent[0] < max(body.extent[1:])):
         raise InputError("body.element = \"reduced\": only for a beam of prisms that is at least as long as wide and high; leave it out")
-    if body.element == "mean-dilatation" and body.shape != "file" and body.cell not in ("prism", "hexahedron"):
-        raise InputError(f"body.element = \"mean-dilatation\": only for prisms and hexahedra, not for cell = {body.cell!r}; leave it out")
-    if body.element != "standard" and body.order == 2:
-        raise InputError(f"body.element = {body.element!r}: for cells of first order only; leave it or order = 2 out")
+    if body.element == "mean-dilatation" and body.shape != "file" and (plane or (body.cell == "tetrahedron" and body.order == 1)):
+        raise InputError("body.element = \"mean-dilatation\": only for prisms, hexahedra and tetrahedra of order 2, not for cell = "
+                         f"{body.cell!r}; leave it out")
+    if body.element == "reduced" and body.order == 2:
+        raise InputError("body.element = \"reduced\": for cells of first order only; leave it or order = 2 out")
     if body.shape == "panel":
         _check_panel(body)
     if body.shape in ("beam", "plate"):

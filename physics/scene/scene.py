@@ -9,9 +9,10 @@ from typing import Any
 
 import tomli_w
 
+from physics.scene.body import Body, Material
 from physics.scene.change import change
 from physics.scene.flow import FlowScene, read_flow
-from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
+from physics.scene.parts import Load, Obstacle, Steps, Support
 from physics.scene.rules import (
     check_body,
     check_load,

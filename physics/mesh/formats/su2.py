@@ -12,7 +12,7 @@ from physics.mesh.formats.raw import Raw, block
 from physics.schema import InputError
 
 Integers = NDArray[np.int64]
-OF_VTK = {cell.vtk: cell for cell in CELLS.values()}
+OF_VTK = {cell.vtk: cell for cell in CELLS.values() if not cell.middles}
 
 
 def read(path: Path) -> Raw:

@@ -103,7 +103,7 @@ def complete(points: Floats, cells: Integers, kind: str, given: Middles) -> Midd
                     inside = rows[first][:, [locals_[0].index(corner) for corner in local]]
                     at = at + share[k] * _surplus(points, found, inside)
         if k in given:
-            row = _row(given[k][0], key)
+            row = row_in(given[k][0], key)
             at = np.where((row >= 0)[:, None], given[k][1][row], at)
         found[k] = key, at
     return found
@@ -117,7 +117,7 @@ def _bounding(kind: str, corners: tuple[int, ...], smaller: int) -> list[tuple[i
 def _surplus(points: Floats, found: Middles, rows: Integers) -> Floats:
     """(m, 3) how far the middle nodes of edges or faces (m, k) lie from where what bounds them puts them."""
     key, at = found[rows.shape[1]]
-    row = _row(key, np.sort(rows, axis=1))
+    row = row_in(key, np.sort(rows, axis=1))
     off = at[row] - points[rows].mean(axis=1)
     if rows.shape[1] == 4:
         for i in range(4):
@@ -125,7 +125,7 @@ def _surplus(points: Floats, found: Middles, rows: Integers) -> Floats:
     return off
 
 
-def _row(table: Integers, asked: Integers) -> Integers:
+def row_in(table: Integers, asked: Integers) -> Integers:
     """Where each of some sorted rows stands in a table of them, -1 where it does not."""
     _, key = np.unique(np.concatenate([table, asked]), axis=0, return_inverse=True)
     key = key.ravel()
@@ -142,7 +142,7 @@ def smallest_jacobian(points: Floats, cells: Integers, kind: str, middles: Middl
     for i, entity in enumerate(local):
         factor[:, i] = points[cells[:, entity[0]]] if len(entity) == 1 else _surplus(points, middles, cells[:, list(entity)])
         if len(entity) == 8:
-            factor[:, i] = middles[8][1][_row(middles[8][0], np.sort(cells, axis=1))] - points[cells].mean(axis=1)
+            factor[:, i] = middles[8][1][row_in(middles[8][0], np.sort(cells, axis=1))] - points[cells].mean(axis=1)
             for share, group in ((0.25, CELLS[kind].edges), (0.5, CELLS[kind].facets)):
                 for part in group:
                     factor[:, i] -= share * _surplus(points, middles, cells[:, list(part)])
@@ -189,5 +189,5 @@ def table(points: Floats, cells: Integers, middles: Middles, local: list[tuple[i
         offset[k] = start
         all_points.append(at)
         start += len(at)
-    columns = [offset[len(entity)] + _row(middles[len(entity)][0], np.sort(cells[:, list(entity)], axis=1)) for entity in local]
+    columns = [offset[len(entity)] + row_in(middles[len(entity)][0], np.sort(cells[:, list(entity)], axis=1)) for entity in local]
     return np.concatenate(all_points), np.stack(columns, axis=1)

@@ -75,9 +75,9 @@ def joined(cells: Integers, kind: str) -> Integers:
 
 
 def _facets(cells: Integers, kind: str) -> list[tuple[Integers, Integers]]:
-    """Facets (F, k) with the cells that they belong to (F,), for each number of corners k."""
+    """Facets (F, k) with the cells that they belong to (F,), for each number of nodes k."""
     found = []
-    for k in (2, 3, 4):
+    for k in (2, 3, 4, 6, 9):
         local = [facet for facet in CELLS[kind].facets if len(facet) == k]
         if local:
             found.append((np.concatenate([cells[:, list(facet)] for facet in local]), np.tile(np.arange(len(cells)), len(local))))
