@@ -31,6 +31,7 @@ def test_the_obstacle_starts_before_the_body_and_is_pressed_into_it():
     assert shapes == {"sphere", "cylinder", "capsule", "box"} and sides == {4, 6, 8} and {"hole-1", "edge-4", "edge-6"} <= held
 
 
+@pytest.mark.slow
 def test_its_figures_are_those_that_were_published():
     """1271 nodes on average and a graph diameter of 16.9 +- 5.8, over a few scenes: within what so few of them scatter by."""
     rows = [figures(draw(FAMILY, 0, index)) for index in range(30)]
