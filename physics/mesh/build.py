@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from physics.mesh.cell import SECOND
 from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.second import second_order
@@ -25,7 +26,12 @@ def build_mesh(body: Body) -> Mesh:
         mesh = panel(body)
     else:
         mesh = rectangle(body) if body.cell in PLANE_CELLS else box(body)
-    return across(mesh if body.order == 1 or mesh.dimension == 2 else second_order(mesh), body)
+    return across(of_order(mesh, body), body)
+
+
+def of_order(mesh: Mesh, body: Body) -> Mesh:
+    """The mesh with cells of second order where a solid body asks for them and it has none."""
+    return second_order(mesh) if body.order == 2 and mesh.dimension == 3 and mesh.cell in SECOND else mesh
 
 
 def across(mesh: Mesh, body: Body) -> Mesh:
