@@ -44,6 +44,8 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
 def read_reference(path: str | Path) -> tuple[Trajectory, Scene | None, Mesh]:
     """The same, with None for the scene of a trajectory that holds none, such as an imported one: errors can be told, no more."""
     trajectory = read_sound(path)
+    if trajectory.flows:
+        raise InputError(f"{path}: a flow, and this is for solids")
     if len(trajectory.displacement) < 2:
         raise InputError(f"{path}: a single frame, so there is no step to predict")
     if not trajectory.free[trajectory.body].any():
@@ -124,7 +126,7 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
     Raises:
         InputError: a file is damaged or not finite, or they are not of the same mesh and steps
     """
-    pairs = _pairs(Path(prediction), Path(reference))
+    pairs = together(Path(prediction), Path(reference))
     several, each, still, worst = Path(prediction).is_dir(), {}, [], None
     remarks: dict[str, None] = {}
     for name, file, truth_file in pairs:
@@ -176,7 +178,7 @@ def _gathered(each: list[dict[str, Any]]) -> dict[str, float]:
     return gathered([{key: value for key, value in figures.items() if key != "worst_step"} for figures in each])
 
 
-def _pairs(prediction: Path, reference: Path) -> list[tuple[str, Path, Path]]:
+def together(prediction: Path, reference: Path) -> list[tuple[str, Path, Path]]:
     """Name, prediction and truth of what belongs together. Raises `InputError`."""
     if not (prediction.is_dir() or reference.is_dir()):
         return [(prediction.stem, prediction, reference)]

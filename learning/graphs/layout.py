@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.files.trajectory import AIRFOIL, HANDLE, INFLOW, NORMAL, OBSTACLE, OUTFLOW, WALL, Trajectory
+from datagen.flow.figures import resting
 from learning.graphs.wants import Widths
 from physics.schema import InputError
 
@@ -67,6 +68,10 @@ class Layout:
         """(N, D + F) True on the numbers that are predicted."""
         return np.repeat(np.stack([self.free(trajectory), trajectory.body], axis=1), [self.space, sum(self.sizes)], axis=1)
 
+    def first(self, trajectory: Trajectory) -> int:
+        """The frame that a rollout starts from: of a flow that begins at rest the first one in which it moves."""
+        return resting(trajectory) if self.flow else 0
+
     def states(self, trajectory: Trajectory) -> NDArray[np.float32]:
         """(T, N, D) the state in all frames."""
         return (trajectory.fields["velocity"] if self.flow else trajectory.displacement)[..., :self.space]
@@ -87,8 +92,10 @@ class Layout:
         """Raise `InputError` for a trajectory that cannot be seen so."""
         if self.space == 2 and not in_plane(trajectory):
             raise InputError("a body in space, where the network has learned from bodies in a plane alone")
-        if self.flow and "velocity" not in trajectory.fields:
-            raise InputError("it holds no velocity, which the network has learned to predict")
+        if self.flow and not trajectory.flows:
+            raise InputError("it is no flow: it has no velocity, or its mesh moves; the network has learned flows")
+        if trajectory.flows and not self.flow:
+            raise InputError("a flow, where the network has learned how solids move")
 
 
 SOLID_BODY = Layout()

@@ -7,8 +7,9 @@ so that in both a rollout is what single steps from the rest state lead to. Obst
 trajectory file, and so do the nodes that a support holds. Of free nodes a rollout never sees more than their rest positions:
 the true motion is reduced to that of prescribed nodes before anything else happens.
 
-Of a flow u is the velocity at nodes that stay, u(0) that of frame 0 in the file. A body in a plane is predicted in two coordinates; its
-third displacement is 0. Further fields that the network tells (graphs/layout.py) are those of the frame to come.
+Of a flow u is the velocity at nodes that stay, and a path starts from the first frame of the file in which it moves. A body in a plane
+is predicted in two coordinates; its third displacement is 0. Further fields that the network tells (graphs/layout.py) are those of the
+frame to come.
 
 Legend: N nodes, T frames, D space dimensions, O = D + numbers of further fields.
 """
@@ -53,6 +54,7 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
         InputError: a mesh that cannot be segmented, or for a predictor of beams a scene that is none
     """
     if isinstance(model, AtOnce):
+        SOLID_BODY.check(trajectory)
         return _rolled_out_at_once(model, trajectory, correct)
     layout = model.normaliser.layout
     example = build_example(_blind(trajectory, layout), replace(model.config, estimate=False), layout=layout)
@@ -63,7 +65,9 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
     seconds = (time.perf_counter() - start) / max(len(state) - 1, 1)
     segment = example.skeleton.segment.astype(np.int32) if model.config.network.wants.cut else None
     moved = {"fields": {"velocity": state, **told}} if layout.flow else {"displacement": state, "fields": told}
-    return replace(example.trajectory, per_frame={}, segment=segment, extra={"run": model.name, "seconds_per_step": seconds}, **moved)
+    extra = {"run": model.name, "seconds_per_step": seconds}
+    extra |= {name: trajectory.extra[name] for name in ("step_seconds",) if name in trajectory.extra}
+    return replace(example.trajectory, per_frame={}, segment=segment, extra=extra, **moved)
 
 
 def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correction | None) -> Trajectory:
@@ -80,12 +84,15 @@ def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correcti
 
 
 def _blind(trajectory: Trajectory, layout: Layout = SOLID_BODY) -> Trajectory:
-    """The trajectory without the state of its free nodes, of a flow but for frame 0, and without further fields."""
+    """The trajectory without the state of its free nodes, of a flow but for the first frames, and without further fields. Raises
+    `InputError` for one of another layout."""
+    layout.check(trajectory)
     free = layout.free(trajectory)[:, None]
     if not layout.flow:
         return replace(trajectory, displacement=np.where(free, np.float32(0), trajectory.displacement), fields={})
     velocity = np.where(free, np.float32(0), trajectory.fields["velocity"])
-    velocity[0] = trajectory.fields["velocity"][0]
+    known = slice(layout.first(trajectory) + 1)
+    velocity[known] = trajectory.fields["velocity"][known]
     return replace(trajectory, fields={"velocity": velocity})
 
 
@@ -100,7 +107,7 @@ def walk(model: Model, example: Example, correct: Correction | None = None, *,
     predicted = np.zeros((*given.shape[:2], example.layout.widths.outputs), np.float32)
     predicted[..., :space] = given
     at_once = BATCH if model.config.scheme == "pose" else 1
-    before = now = np.where(free & (not example.layout.flow), start, given[0]).astype(np.float64)  # (N, D)
+    before = now = np.where(free & (not example.layout.flow), start, given[example.layout.first(example.trajectory)]).astype(np.float64)
     for first in range(0, len(example.targets), at_once):
         targets = example.targets[first:first + at_once].tolist()
         for target, found in zip(targets, _predict(model, example, targets, [now] * len(targets), [before] * len(targets)), strict=True):

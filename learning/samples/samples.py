@@ -116,9 +116,9 @@ def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: boo
         raise InputError(f"nothing moves in this set: the displacement of every free node of its {len(files)} trajectories is zero, and "
                          f"that is what a network learns{f'; not {others}, which is there' if others else ''}")
     for path, trajectory in zip(tqdm(files, desc="load", disable=None, leave=False), trajectories, strict=True):
-        last = len(trajectory.displacement) - 1
-        count = last if walk and config.scheme == "step" else min(config.frames or last, last)
-        targets = np.linspace(0, last, count + 1).round().astype(np.int64)[1:]
+        first, last = layout.first(trajectory), len(trajectory.displacement) - 1
+        count = last - first if walk and config.scheme == "step" else min(config.frames or last, last - first)
+        targets = np.linspace(first, last, count + 1).round().astype(np.int64)[1:]
         try:
             examples.append(build_example(trajectory, config, targets=targets, cache=CACHE, layout=layout))
         except (InputError, FloatingPointError) as error:
@@ -144,7 +144,7 @@ def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArr
     """Segment a trajectory in memory and collect what its graphs have in common.
 
     Args:
-        targets: the frames to predict, ascending; all but frame 0 by default
+        targets: the frames to predict, ascending; all after the one that a rollout starts from by default
         cache: folder of estimates made before
         layout: what is seen and predicted; by default what this trajectory has
 
@@ -156,7 +156,7 @@ def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArr
     if layout.flow and (config.scheme != "step" or config.history or config.estimate):
         raise InputError('a flow is predicted step by step: scheme = "step", without history and estimate')
     if targets is None:
-        targets = np.arange(1, len(trajectory.displacement))
+        targets = np.arange(layout.first(trajectory) + 1, len(trajectory.displacement))
     wants, label = config.network.wants, segments_of(trajectory, config)
     skeleton = build_skeleton(trajectory, label, overlap=config.overlap, walk=wants.walk, levels=wants.levels, layout=layout)
     found = estimate(trajectory, targets, cache=cache) if config.estimate else None
