@@ -1,4 +1,4 @@
-"""What the command line does with networks: segment, train, calibrate, rollout, sweep, evaluate, pareto; wiring only.
+"""What the command line does with networks: segment, train, calibrate, rollout, sweep, evaluate, pareto, study; wiring only.
 
 Each function takes the options of its verb, `say` for lines to the reader, and `writable`, which checks the path of an output
 before any work; what it returns is printed as JSON when that is asked for.
@@ -87,6 +87,18 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     _own(add)
     add("--only", default="", metavar="KIND,KIND", help="of our own only these: learned, hybrid, trivial, fe, reduced (all); the "
                                                         "reference comes along")
+    _study(verb, positive)
+
+
+def _study(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int]) -> None:
+    add = verb("study", study, "study").add_argument
+    add("--size", default="small", choices=("check", "small", "paper"), help="minutes, hours on a few cores, or a GPU (small)")
+    add("--out", required=True, help="folder of everything it makes; where it holds this study already, it goes on")
+    add("--data", help="folder of a data set to train and test on, in place of the one that would be made")
+    add("--workers", type=positive, help="trainings at once (one for each core)")
+    add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead")
+    add("--tls", nargs=3, default=(), metavar=("CA", "CERT", "KEY"), help="for tls://, files of the authority's certificate, ours, its key")
+    _device(add)
 
 
 def _device(add: Callable[..., Any]) -> None:
@@ -241,6 +253,14 @@ def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
                    repeats=options.repeats, predictions=options.prediction, functions=options.predictor, device=options.device,
                    only=[kind.strip() for kind in options.only.split(",") if kind.strip()], say=say)
+
+
+def study(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """Trainings that differ in one thing, a table of them with deviations over seeds and published figures, and their curves."""
+    from learning.study.run import run_study
+
+    return run_study(options.study, writable(options.out), size=options.size, data=options.data, workers=options.workers,
+                     cluster=options.cluster, tls=options.tls, device=options.device, say=say)
 
 
 def _flows(path: Path) -> bool:

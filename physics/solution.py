@@ -23,7 +23,7 @@ from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.state import NoEquilibrium
 from physics.journal import Journal, flatten, unflatten
-from physics.mesh.build import build_mesh
+from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
 from physics.modes.locking import said_of_path
@@ -80,7 +80,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
-        mesh: in place of the one that the scene's body describes
+        mesh: in place of the one that the scene's body describes; of first order it is given middles where the body has order 2
         on_step: called with the number of each step that is reached
         journal: a file that keeps the path as it grows; what it holds of an earlier run of the same scene is gone on from, also
             when that run ended in a failure: then the step that failed is tried again. It is left for the caller to delete.
@@ -104,7 +104,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         return _final(scene, mesh=mesh, on_step=on_step, journal=journal, tolerance=tolerance, method=method, spread=spread,
                       partial=partial)
     started, processor, spent = time.perf_counter(), time.process_time(), 0.0
-    mesh = mesh or build_mesh(scene.body)
+    mesh = of_order(mesh or build_mesh(scene.body), scene.body)
     path, frames, failure = _way(scene, mesh, tolerance, method, spread), [], ""
     set_up = time.process_time() - processor
     kept = None if journal is None else Journal(journal, identity(scene, mesh) + f" to {tolerance}" * (tolerance != TOLERANCE))

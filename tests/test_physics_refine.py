@@ -1,11 +1,15 @@
 """Halved cells: they fill what the whole ones fill, none is inside out, and the places are cut with them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import cell_volumes, scaled_jacobian
 from physics.mesh.refine import halved
+from physics.mesh.second import second_order
 from physics.mesh.shapes.boxes import box, rectangle
 from physics.scene import Body
 
@@ -61,3 +65,20 @@ def test_what_a_place_is_made_of_is_cut_and_what_is_no_part_of_the_mesh_is_left_
     assert len(fine.points) == 27 and len(fine.places["face"]) == 9 and len(fine.places["body"]) == 27
     assert [array.shape for _, array in fine.parts["face"]] == [(4, 4)] and [array.shape for _, array in fine.parts["body"]] == [(8, 8)]
     assert fine.parts["diagonal"][0][1].shape == (0, 2) and len(fine.places["diagonal"]) == 2
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_cells_of_second_order_are_cut_along_their_own_coordinates(cell):
+    """Their middles become corners, and eight curved cells fill each curved one."""
+    mesh = second_order(solid(cell))
+    moved = mesh.points + 0.05 * np.random.default_rng(1).uniform(-1, 1, mesh.points.shape)
+    mesh = replace(mesh, points=moved)
+    fine = halved(mesh)
+    volume, parts = (cell_volumes(of.points, of.cells, of.cell) for of in (mesh, fine))
+    assert fine.cell == mesh.cell and len(parts) == 8 * len(volume)
+    np.testing.assert_allclose(parts.reshape(8, -1).sum(axis=0), volume, rtol=1e-12)
+    distance, _ = cKDTree(fine.points).query(mesh.points)
+    assert distance.max() < 1e-12
+    for name in mesh.places:
+        assert set(cKDTree(fine.points).query(mesh.points[mesh.places[name]])[1]) <= set(fine.places[name].tolist())
+        assert len(fine.place(name)) > 3 * len(mesh.place(name))

@@ -27,6 +27,8 @@ SCENES = {
     "halved": lambda: beam(load=[{"where": "x-max", "traction": [0.0, 0.0, -3e4]}], steps={"count": 3}),
     "small strain": lambda: beam(load=[{"where": "x-max", "traction": [0.0, 0.0, -1.0]}], steps={"count": 6}),
     "linear law": lambda: pressed(material={"law": "linear", "young_modulus": 1e6, "poisson_ratio": 0.4}, steps={"count": 12}),
+    "second order": lambda: pressed(
+        body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [6, 2, 2], "cell": "tetrahedron", "order": 2}, steps={"count": 9}),
     "indefinite": lambda: beam(  # the stiffness of the block alone is indefinite in the end
         body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [3, 3, 3]}, support=[{"where": "z-min", "fixed": "xyz"}],
         obstacle={"shape": "half-space", "normal": [0.0, 0.0, -1.0], "path": [[0.0, 0.0, 0.0201], [0.0, 0.0, 0.01]]},

@@ -34,7 +34,8 @@ def test_every_default():
         "name": "scene",
         "body": {"shape": "beam", "length": 0.1, "width": 0.02, "height": 0.02, "cells": (4, 2, 2), "cell_size": None, "cell": "prism",
                  "order": 1,
-                 "element": "standard", "path": None, "scale": None, "hole_centre": None, "hole_radius": None, "hole_cell_size": None,
+                 "element": "standard", "outline": None, "holes": None, "layers": None, "path": None,
+                 "scale": None, "hole_centre": None, "hole_radius": None, "hole_cell_size": None,
                  "plane": None, "thickness": None},
         "material": {"law": "neo-hookean", "young_modulus": 1e6, "poisson_ratio": 0.4, "density": 1000.0, "orthotropic": None,
                      "where": None},
@@ -109,7 +110,7 @@ def test_units_of_what_has_two_signs_and_bounds_that_nobody_reaches(table, key, 
 
 
 @pytest.mark.parametrize("table, key, known", [
-    ("body", "shape", ["beam", "plate", "channel", "file"]), ("body", "cell", ["prism", "tetrahedron", "hexahedron", "triangle",
+    ("body", "shape", ["beam", "plate", "channel", "panel", "file"]), ("body", "cell", ["prism", "tetrahedron", "hexahedron", "triangle",
                                                                                "quadrilateral"]),
     ("body", "element", ["standard", "mean-dilatation", "reduced"]),
     ("material", "law", ["neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"]),

@@ -1,5 +1,7 @@
 """Carrying displacements between meshes: exact for what the shape functions span."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,3 +100,18 @@ def test_a_point_is_sought_in_more_cells_than_the_one_with_the_nearest_centre():
     values = (mesh.points[:, :1] > 12) * np.ones(3)
     found = interpolate(mesh, values[None], np.array([[1.3, 0.011, 0.002], [0.75, 0.011, 0.002], [12.41, 0.011, 0.002]]))
     np.testing.assert_allclose(found[0], np.array([[0.1 / 11.8], [0], [11.21 / 11.8]]) * np.ones(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_interpolation_of_second_order_is_exact_for_quadratic_fields(cell):
+    mesh, rng = build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=(4, 2, 2), cell=cell, order=2)), np.random.default_rng(0)
+    points = rng.uniform(0, 1, (50, 3)) * [0.1, 0.02, 0.03]
+    factors = rng.normal(size=(10, 3))
+
+    def field(x):
+        return np.column_stack([np.ones(len(x)), x, x**2, x * np.roll(x, 1, axis=1)])[None] @ factors
+
+    np.testing.assert_allclose(interpolate(mesh, field(mesh.points), points), field(points), atol=1e-13)
+    curved = mesh.points + 1e-3 * np.sin(50 * mesh.points[:, [1, 2, 0]])
+    anything = rng.normal(size=(2, *curved.shape))
+    np.testing.assert_allclose(interpolate(replace(mesh, points=curved), anything, curved), anything, atol=1e-10)

@@ -109,6 +109,8 @@ def _path(place: Place, body: Body, obstacle: Obstacle) -> list[list[float]]:
 
 def _box(body: Body) -> tuple[Vector, Vector]:
     """The corner of the box around a body where all coordinates are smallest, and its sides [m]."""
+    if body.outline is not None:
+        return (min(x for x, _ in body.outline), min(y for _, y in body.outline), 0.0), body.extent
     if body.shape != "file":
         return (0.0, 0.0, 0.0), body.extent
     assert body.path is not None

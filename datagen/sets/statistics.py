@@ -173,7 +173,7 @@ def _solved(scene: Scene, every: int, mesh: Mesh, times: int) -> tuple[NDArray[n
     """Displacements (F, N, 3) at the mesh's nodes of a scene in fewer steps, on one or two times the cells each way, and seconds."""
     scene = dataclasses.replace(scene, steps=Steps(count=scene.steps.count // every))
     release()
-    if scene.body.shape in ("file", "channel"):
+    if scene.body.shape in ("file", "channel", "panel"):
         of_file = mesh if times == 1 else halved(mesh)
         solution, number = solve(scene, mesh=of_file, partial=True), f"{len(of_file.cells)}"
     else:

@@ -45,7 +45,7 @@ def write_flow_report(out: Path, report: FlowReport, truths: list[FlowTruth],
                                       "units": {key: column.si for key, column in COLUMNS.items()}})
     write_whole(out / "report.json", json.dumps(content, indent=1).encode())
     pareto_picture(out / "pareto.png", report.rows, error="velocity_rmse_late", factor=1.0,
-                   label="RMSE of a component of the velocity in the second half of the frames [m/s]")
+                   up="RMSE of a component of the velocity in the second half of the frames [m/s]")
     judged = [row for row in report.rows if row.name in worst]
     film = ""
     if judged:

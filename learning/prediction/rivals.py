@@ -123,7 +123,7 @@ def between(path: Floats, steps: int) -> Floats:
 
 def coarser(scene: Scene) -> Scene | None:
     """The scene with half the cells along each direction, rounded down, at least 2; None when nothing is left to halve."""
-    if scene.body.shape in ("file", "channel"):
+    if scene.body.shape in ("file", "channel", "panel"):
         return None
     divisions = tuple(min(n, max(2, n // 2)) for n in scene.body.divisions)
     if divisions == scene.body.divisions:

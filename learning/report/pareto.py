@@ -21,6 +21,7 @@ PLACES = [((x * far, y * far), {-1: "right", 0: "center", 1: "left"}[x], {-1: "t
           for far, (x, y) in product((8, 14, 24, 38, *range(54, 500, 16)),
                                      ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 0), (-1, 0), (0, 1), (0, -1)))]
 ACROSS, UP = {"left": 0.0, "center": 0.5, "right": 1.0}, {"bottom": 0.0, "center": 0.5, "top": 1.0}  # share of the box before it
+TIME = "processor time per step [ms], set-up included (end of the bar: excluded)"
 LONGEST = 48  # letters of a label
 FEWEST = 4  # trajectories of which a spread is shown
 GROWTHS = 8  # of the picture's height, by a quarter each: then there is room for some hundred labels
@@ -42,22 +43,21 @@ def front(rows: list[Row], error: str = "rmsd_all") -> list[Row]:
     return best
 
 
-def pareto_picture(path: Path, rows: list[Row], *, error: str = "", label: str = "", factor: float = 1e3) -> None:
+def pareto_picture(path: Path, rows: list[Row], *, across: str = TIME, up: str = "", error: str = "", factor: float = 1e3) -> None:
     """Write the picture as PNG. A point is a mean over the trajectories; a bar leads from it to its time without set-up, and a thin cross
-    has the medians and quartiles of the trajectories.
+    has the medians and quartiles of the trajectories. What the axes say is `across` and `up`, by default of whole rollouts.
 
     Against the data the reference has no error and is a line at its time; against finer cells it is a point like all others,
     and a line shows its error: what lies on that line knows the body as well as the data do.
 
-    error: the score that is shown, times a factor, and its label; by default that of `measure_of` in millimetres
+    error: the score that is shown, times a factor; by default that of `measure_of` in millimetres
     """
     error = error or measure_of(rows)
     figure = Figure(figsize=(10, 6.2), dpi=110, facecolor="white", layout="constrained")
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     to = "the scene on cells of half the size" if error == "rmsd_refined" else "the data"
-    axes.set(xscale="log", yscale="log", xlabel="processor time per step [ms], set-up included (end of the bar: excluded)",
-             ylabel=label or f"RMSD to {to}, whole rollouts, free nodes [mm]")
+    axes.set(xscale="log", yscale="log", xlabel=across, ylabel=up or f"RMSD to {to}, whole rollouts, free nodes [mm]")
     _spread(axes, rows, error, factor)
     points = {row.name: (row.ms_per_step, factor * row.scores[error]) for row in rows if row.scores[error] > 0 and row.ms_per_step > 0}
     best = [points[row.name] for row in front(rows, error) if row.name in points]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from physics.mesh.cell import SECOND
 from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.second import second_order
 from physics.mesh.shapes.boxes import box, rectangle
 from physics.mesh.shapes.channel import channel
 from physics.mesh.shapes.graded import graded_channel
+from physics.mesh.shapes.panel import panel
 from physics.scene import PLANE_CELLS, Body
 
 
@@ -20,9 +22,16 @@ def build_mesh(body: Body) -> Mesh:
         mesh = read_mesh(body.path, order=body.order, scale=body.scale or 1.0)
     elif body.shape == "channel":
         mesh = channel(body) if body.hole_cell_size is None else graded_channel(body)
+    elif body.shape == "panel":
+        mesh = panel(body)
     else:
         mesh = rectangle(body) if body.cell in PLANE_CELLS else box(body)
-    return across(mesh if body.order == 1 or mesh.dimension == 2 else second_order(mesh), body)
+    return across(of_order(mesh, body), body)
+
+
+def of_order(mesh: Mesh, body: Body) -> Mesh:
+    """The mesh with cells of second order where a solid body asks for them and it has none."""
+    return second_order(mesh) if body.order == 2 and mesh.dimension == 3 and mesh.cell in SECOND else mesh
 
 
 def across(mesh: Mesh, body: Body) -> Mesh:

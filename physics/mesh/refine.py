@@ -16,6 +16,7 @@ import numpy as np
 
 from physics.mesh.cell import CELLS, HEXAHEDRON
 from physics.mesh.mesh import Integers, Mesh
+from physics.mesh.second import corners_only, second_order
 
 Corners = tuple[int, ...]
 
@@ -55,7 +56,12 @@ CHILDREN["prism"] = _prism()
 
 
 def halved(mesh: Mesh) -> Mesh:
-    """The mesh on cells of half the size; its first N nodes are those of the mesh."""
+    """The mesh on cells of half the size; its first N nodes are those of the mesh, of second order not the first, but among them.
+
+    Curved cells of second order are cut along their own coordinates, so their sides stay where they are.
+    """
+    if CELLS[mesh.cell].middles:
+        return _halved_second(mesh)
     keys: dict[int, Integers] = {}  # (.., s) sorted corners of the new nodes, for each s > 1
     for corners in {corners for child in CHILDREN[mesh.cell] for corners in child if len(corners) > 1}:
         rows = np.sort(mesh.cells[:, list(corners)], axis=1)
@@ -92,3 +98,16 @@ def halved(mesh: Mesh) -> Mesh:
     cells = cut(mesh.cell, mesh.cells)
     assert len(cells) == len(CHILDREN[mesh.cell]) * len(mesh.cells) and cells.shape[1] == CELLS[mesh.cell].corners
     return replace(mesh, points=points, cells=cells, places=places, parts=parts)
+
+
+def _halved_second(mesh: Mesh) -> Mesh:
+    cell = CELLS[mesh.cell]
+    finer = halved(corners_only(mesh))  # child after child, of all cells
+    fine = second_order(finer)
+    points = fine.points.copy()
+    for i, child in enumerate(CHILDREN[cell.first]):
+        corners = np.array([cell.places[list(of)].mean(axis=0) for of in child])
+        at = np.concatenate([corners, *(corners[list(of)].mean(axis=0)[None] for of in cell.middles)])
+        own = fine.cells[i * len(mesh.cells):(i + 1) * len(mesh.cells)]
+        points[own] = cell.shapes(at)[0] @ mesh.points[mesh.cells]
+    return replace(fine, points=points)

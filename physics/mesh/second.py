@@ -59,10 +59,18 @@ def second_order(mesh: Mesh) -> Mesh:
 
 
 def corners_only(mesh: Mesh) -> Mesh:
-    """The mesh of first order behind one of second order, without its places; its nodes are the first ones of that."""
+    """The mesh of first order behind one of second order, with straight sides; its nodes are the first ones of that."""
     cell = CELLS[mesh.cell]
     cells = mesh.cells[:, :cell.corners]
-    return replace(mesh, points=mesh.points[:cells.max() + 1], cells=cells, cell=cell.first, places={}, parts={})
+    count = int(cells.max()) + 1
+    parts = {name: [(CELLS[kind].first or kind, rows[:, :CELLS[kind].corners]) for kind, rows in made if kind != "line"]
+             for name, made in mesh.parts.items()}
+    for name, made in mesh.parts.items():  # halves of lines, joined at their middles
+        for rows in (rows for kind, rows in made if kind == "line"):
+            first, second = rows[:len(rows) // 2], rows[len(rows) // 2:]
+            parts[name].append(("line", np.stack([first[:, 0], second[:, 0]], axis=1)))
+    places = {name: nodes[nodes < count] for name, nodes in mesh.places.items()}
+    return replace(mesh, points=mesh.points[:count], cells=cells, cell=cell.first, places=places, parts=parts)
 
 
 def further(mesh: Mesh, between: list[tuple[int, ...]]) -> tuple[Floats, Integers]:

@@ -31,7 +31,8 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats) -> Floats:
     centres = cKDTree(mesh.points[mesh.cells].mean(axis=1) / extent)
     near = centres.query(points / extent, min(CANDIDATES, len(mesh.cells)))[1].reshape(len(points), -1)  # (M, k)
     corners = mesh.points[mesh.cells[near]]  # (M, k, n, 3)
-    at = np.full((*near.shape, 3), 0.25 if mesh.cell == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
+    first = CELLS[CELLS[mesh.cell].first or mesh.cell]
+    at = np.full((*near.shape, 3), 0.25 if first.name == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
     at[..., flat] = 0.0
     for _ in range(NEWTON_STEPS):
         values, gradients = CELLS[mesh.cell].shapes(at)
@@ -41,7 +42,7 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats) -> Floats:
         at = at + np.linalg.solve(jacobian, missing[..., None])[..., 0]
     values, _ = CELLS[mesh.cell].shapes(at)
     astray = np.linalg.norm(points[:, None] - np.einsum("mkn,mknd->mkd", values, corners), axis=-1)
-    outside = np.maximum(-values.min(axis=-1), 0) + astray / np.ptp(corners, axis=2).max(axis=-1)  # (M, k)
+    outside = np.maximum(-first.shapes(at)[0].min(axis=-1), 0) + astray / np.ptp(corners, axis=2).max(axis=-1)  # (M, k)
     best = np.argmin(outside, axis=1)[:, None]
     if (lost := int((np.take_along_axis(outside, best, 1) > 1e-6).sum())):
         raise ValueError(f"{lost} of {len(points)} points lie outside of the mesh to interpolate from")

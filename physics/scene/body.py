@@ -17,8 +17,11 @@ KEYS = {
     "beam": ("length", "width", "height", "cells", "cell_size", "cell"),
     "plate": ("length", "width", "height", "cells", "cell_size", "cell"),
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "hole_cell_size", "cell"),
+    "panel": ("outline", "holes", "height", "layers", "cell_size", "cell"),
     "file": ("path", "scale"),
 }
+
+
 @dataclass(frozen=True, kw_only=True)
 class Body:
     """The rest shape and its mesh.
@@ -29,6 +32,9 @@ class Body:
     channel: a plane rectangle `length` x `height` from the origin with a round hole; what is left out is 1.6 x 0.41 m with
         a hole of radius 0.05 m at (0.2, 0.2), the domain of flow around a cylinder, in triangles of 0.02 m. With `hole_cell_size`
         these grow from that size on the hole to `cell_size`, and the hole is round for second order.
+    panel: a flat plate whose `outline` is a closed line through points (x, y), not closed by the last one, from z = 0 up to `height`,
+        with round `holes`, each (x, y, radius), in `layers` of tetrahedra (or prisms) of `cell_size` along its sides. Its places are
+        z-min, z-max, edge-1 from the first point to the second, edge-2, ..., and hole-1, hole-2, ...
     file: the mesh in `path`, relative to the scene file; its groups name the places. Its coordinates times `scale` are metres:
         0.001 for a file in millimetres.
 
@@ -47,6 +53,9 @@ class Body:
     cell: their kind
     order: of the displacement in a cell
     element: how first-order cells are sampled
+    outline: of a panel, points (x, y)
+    holes: of a panel, each (x, y, radius)
+    layers: of a panel's cells; 2 when left out
     path: of a mesh file
     scale: metres in a unit of the file
     hole_centre, hole_radius: of a channel
@@ -64,6 +73,9 @@ class Body:
     cell: str = quantity("prism", choice=SOLID_CELLS + PLANE_CELLS)
     order: int = quantity(1, at_least=1, at_most=2)
     element: str = quantity("standard", choice=("standard", "mean-dilatation", "reduced"))
+    outline: tuple[tuple[float, float], ...] | None = quantity(None, unit="m", **FAR)
+    holes: tuple[Vector, ...] | None = quantity(None, unit="m", **FAR)
+    layers: int | None = quantity(None, at_least=1, at_most=1000)
     path: str | None = None
     scale: float | None = quantity(None, above=0, at_least=1e-12, at_most=1e12)
     hole_centre: tuple[float, float] | None = quantity(None, unit="m", **FAR)
@@ -84,6 +96,9 @@ class Body:
         """Length, width and height [m]; a plane body has height 0. Raises `InputError` for a file: its mesh has the extent."""
         if self.shape == "file":
             raise InputError("a body from a file has no length, width and height")
+        if self.shape == "panel" and self.outline is not None:
+            along = [max(axis) - min(axis) for axis in zip(*self.outline, strict=True)]
+            return along[0], along[1], self.height or 0.0
         sides = (self.length, self.height, 0.0) if self.shape == "channel" else (self.length, self.width, self.height or 0.0)
         assert None not in sides
         return sides  # type: ignore[return-value]
@@ -94,6 +109,8 @@ class Body:
         if self.cells is not None:
             return self.cells
         assert self.cell_size is not None
+        if self.layers is not None:
+            return (*(max(1, round(side / self.cell_size)) for side in self.extent[:2]), self.layers)
         return tuple(max(1, round(side / self.cell_size)) for side in self.extent if side)
 
     @property
@@ -103,6 +120,9 @@ class Body:
             return None
         if self.shape == "channel":
             return (*PLACES[:4], "inlet", "outlet", "walls", "hole")
+        if self.shape == "panel":
+            rims = (("edge", self.outline), ("hole", self.holes))
+            return (*PLACES[4:], *(f"{name}-{k + 1}" for name, parts in rims for k in range(len(parts or ()))))
         return PLACES[:4] if self.cell in PLANE_CELLS else PLACES
 
 

@@ -14,12 +14,15 @@ from physics.schema import InputError, nearest
 
 CHANNEL = {"length": 1.6, "height": 0.41, "hole_centre": [0.2, 0.2], "hole_radius": 0.05, "cell_size": 0.02,
            "cell": "triangle"}
+PANEL = {"cell": "tetrahedron", "layers": 2}
 
 
 def with_defaults(body: Any) -> Any:
     """The table of a body with the values that its shape has when they are left out."""
     if isinstance(body, dict) and body.get("shape") == "channel":
         return CHANNEL | body
+    if isinstance(body, dict) and body.get("shape") == "panel":
+        return PANEL | body
     return body
 
 
@@ -92,7 +95,7 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
         if key not in takes:
             raise InputError(f"body.{key}: {kind} takes {', '.join(takes)}")
     for key in takes:
-        if key in ("length", "width", "height", "path") and getattr(body, key) is None:
+        if key in ("length", "width", "height", "path", "outline") and getattr(body, key) is None:
             raise InputError(f"body.{key}: missing")
     if body.cell not in (PLANE_CELLS if body.shape == "channel" else SOLID_CELLS if body.shape == "beam" else (body.cell,)):
         raise InputError(f"body.cell = {body.cell!r}: {kind} has "
@@ -106,6 +109,8 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
                          f"{body.cell!r}; leave it out")
     if body.element == "reduced" and body.order == 2:
         raise InputError("body.element = \"reduced\": for cells of first order only; leave it or order = 2 out")
+    if body.shape == "panel":
+        _check_panel(body)
     if body.shape in ("beam", "plate"):
         if (body.cells is None) == (body.cell_size is None):
             raise InputError("body: give exactly one of cells and cell_size")
@@ -125,6 +130,21 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
         if room <= 0:
             raise InputError(f"body: the hole at ({x:g}, {y:g}) m of radius {radius:g} m does not lie inside the channel of "
                              f"{length:g} x {height:g} m")
+
+
+def _check_panel(body: Body) -> None:
+    """What a panel needs; whether its outline crosses itself is seen when it is meshed."""
+    if body.cell_size is None:
+        raise InputError("body.cell_size: missing")
+    if body.cell not in ("tetrahedron", "prism"):
+        raise InputError(f"body.cell = {body.cell!r}: a panel has tetrahedron or prism cells")
+    if len(body.outline or ()) < 3 or len(set(body.outline or ())) < len(body.outline or ()):
+        raise InputError("body.outline must have three points at least, each another one")
+    if not min(body.extent[:2]) > 1e-9:
+        raise InputError("body.outline: has no width")
+    for k, (_, _, radius) in enumerate(body.holes or ()):
+        if not radius > 0:
+            raise InputError(f"body.holes[{k}] = {list((body.holes or ())[k])}: x, y and a radius above 0")
 
 
 def check_place(body: Body, where: str | Where | None, key: str) -> None:

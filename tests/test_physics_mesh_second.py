@@ -1,0 +1,112 @@
+"""Meshes made of second order: their nodes, places and surface, and files whose curved sides a solved body keeps."""
+
+from dataclasses import replace
+
+import meshio
+import numpy as np
+import pytest
+
+from physics.mesh.build import build_mesh
+from physics.mesh.cell import CELLS
+from physics.mesh.quality import cell_volumes
+from physics.mesh.second import corners_only, is_curved, second_order
+from physics.mesh.shapes.boxes import box
+from physics.scene import Body, read_scene
+from physics.solution import solve
+from tests.test_physics_mesh_curved import half_ring
+
+SIDES = {"length": 2.0, "width": 1.0, "height": 3.0, "cells": (2, 1, 3)}
+
+
+def ordered(points):
+    return points[np.lexsort(points.round(9).T)]
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_middles_lie_half_way_and_every_node_is_there_once(cell):
+    """A lattice of half the distance: of hexahedra all of it, of tetrahedra where an edge has its middle."""
+    first, mesh = box(Body(**SIDES, cell=cell)), build_mesh(Body(**SIDES, cell=cell, order=2))
+    assert np.array_equal(mesh.points[:len(first.points)], first.points) and np.array_equal(mesh.cells[:, :first.cells.shape[1]], first.cells)
+    lattice = np.stack(np.meshgrid(np.linspace(0, 2, 5), np.linspace(0, 1, 3), np.linspace(0, 3, 7), indexing="ij"), axis=-1).reshape(-1, 3)
+    assert len(mesh.points) == (len(lattice) if cell == "hexahedron" else len(first.points) + len(first.edges))
+    places = CELLS[mesh.cell].places
+    np.testing.assert_allclose(mesh.points[mesh.cells], CELLS[first.cell].shapes(places)[0] @ first.points[first.cells], atol=1e-14)
+    if cell == "hexahedron":
+        np.testing.assert_allclose(ordered(mesh.points), ordered(lattice), atol=1e-14)
+    assert not is_curved(mesh) and np.array_equal(corners_only(mesh).cells, first.cells)
+    assert {name: nodes.tolist() for name, nodes in corners_only(mesh).places.items()} == {
+        name: nodes.tolist() for name, nodes in first.places.items()}
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_places_have_the_middles_and_facets_look_outward(cell):
+    mesh = build_mesh(Body(**SIDES, cell=cell, order=2))
+    for name, (axis, value) in {"x-min": (0, 0.0), "x-max": (0, 2.0), "z-max": (2, 3.0)}.items():
+        assert set(mesh.place(name).tolist()) == set(np.flatnonzero(abs(mesh.points[:, axis] - value) < 1e-12).tolist())
+        facets, = (part for part in mesh.facets(name) if len(part))
+        assert facets.shape[1] == (6 if cell == "tetrahedron" else 9)
+        x = mesh.points[facets]
+        normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+        assert (normal[:, axis] * (1 if name.endswith("max") else -1) > 0).all()
+    assert set(mesh.place("x-min z-min").tolist()) == set(np.flatnonzero((mesh.points[:, [0, 2]] == 0).all(axis=1)).tolist())
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_what_can_be_seen_is_four_facets_for_each_and_has_all_nodes_of_the_surface(cell):
+    mesh = build_mesh(Body(**SIDES, cell=cell, order=2))
+    shown, = mesh.surface
+    assert len(shown) == 4 * sum(map(len, mesh.boundary))
+    x = mesh.points[shown]
+    area = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) / 2 if cell == "tetrahedron" else np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]) / 2
+    assert np.linalg.norm(area, axis=1).sum() == pytest.approx(22.0)
+    assert (x[:, :, 0] * area[:, None, 0]).mean(axis=1).sum() == pytest.approx(6.0)  # the volume, by Gauss's theorem: outward
+    assert set(np.unique(shown)) == set(np.unique(np.concatenate([facets.ravel() for facets in mesh.boundary])))
+
+
+def test_what_a_place_of_a_file_is_made_of_gets_middles_and_rows_that_are_no_sides_stay_counted():
+    first = box(Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell="hexahedron"))
+    first = replace(first, places={"face": np.arange(4, 8), "edge": first.cells[0, [0, 1]], "body": np.arange(8), "odd": np.arange(4)},
+                    parts={"face": [("quadrilateral", first.cells[:, [4, 5, 6, 7]])], "edge": [("line", first.cells[:, [0, 1]])],
+                           "body": [("hexahedron", first.cells)], "odd": [("quadrilateral", first.cells[:, [0, 2, 4, 6]])]})
+    mesh = second_order(first)
+    assert [(kind, rows.shape) for made in mesh.parts.values() for kind, rows in made] == [
+        ("quadrilateral9", (1, 9)), ("line", (2, 2)), ("hexahedron27", (1, 27)), ("quadrilateral9", (1, 9))]
+    assert [len(mesh.place(name)) for name in ("face", "edge", "body")] == [9, 3, 27]
+    assert [len(part) for part in mesh.facets("face")] == [1] and not sum(map(len, mesh.facets("odd")))
+    assert mesh.region("body").all() and corners_only(mesh).parts["edge"][0][1].tolist() == first.parts["edge"][0][1].tolist()
+
+
+@pytest.mark.parametrize("cell, faces", [("tetrahedron", True), ("hexahedron", True), ("hexahedron", False)])
+def test_curved_sides_of_a_file_are_kept(tmp_path, cell, faces):
+    """Half a ring of radii 0.5 and 1, 0.2 high; with straight sides its volume is that of a polygon."""
+    path = half_ring(cell, tmp_path / "ring.vtu", faces=faces)
+    mesh = build_mesh(Body(shape="file", path=str(path), order=2))
+    exact = np.pi * 0.75 / 2 * 0.2
+    assert is_curved(mesh) and cell_volumes(mesh.points, mesh.cells, mesh.cell).sum() == pytest.approx(exact, rel=2e-5)
+    straight = build_mesh(Body(shape="file", path=str(path)))
+    assert cell_volumes(straight.points, straight.cells, cell).sum() < (1 - 0.005) * exact
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_a_ring_under_pressure_from_inside_widens_as_lame_says(tmp_path, cell):
+    """Plane strain, u(r) = p a^2 r / (E (b^2 - a^2)) (1 + nu) (1 - 2 nu + b^2 / r^2), on a file of curved cells and half of the ring."""
+    path = half_ring(cell, tmp_path / "ring.vtu", along=16 if cell == "tetrahedron" else 8, across=2)
+    young, poisson, pressure, a, b = 1e6, 0.3, 1e3, 0.5, 1.0
+    scene = read_scene({
+        "body": {"shape": "file", "path": str(path), "order": 2}, "steps": {"count": 1},
+        "material": {"law": "linear", "young_modulus": young, "poisson_ratio": poisson},
+        "support": [{"where": {"plane": [0, 0, 0], "normal": [0, 1, 0], "within": 1e-9}, "fixed": "y"},
+                    {"where": {"plane": [0, 0, 0], "normal": [0, 0, 1], "within": 1e-9}, "fixed": "z"},
+                    {"where": {"plane": [0, 0, 0.2], "normal": [0, 0, 1], "within": 1e-9}, "fixed": "z"},
+                    {"where": {"near": [0, 1, 0], "within": 1e-6}, "fixed": "x"}],
+        "load": [{"where": "inner", "pressure": pressure}]})
+    found = meshio.read(path)
+    mesh = build_mesh(scene.body)
+    assert len(found.points) == len(mesh.points)
+    radius = np.linalg.norm(mesh.points[:, :2], axis=1)
+    inner = np.flatnonzero(abs(radius - a) < 1e-6)
+    mesh = replace(mesh, places={"inner": inner})
+    u = solve(scene, mesh=mesh).displacement[-1]
+    out = (u * mesh.points / radius[:, None])[:, :2].sum(axis=1)
+    exact = pressure * a**2 * radius / (young * (b**2 - a**2)) * (1 + poisson) * (1 - 2 * poisson + b**2 / radius**2)
+    assert abs(out / exact - 1).max() < 5e-3
