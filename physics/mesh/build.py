@@ -7,9 +7,9 @@ from dataclasses import replace
 from physics.mesh.cell import SECOND
 from physics.mesh.files import read_mesh
 from physics.mesh.mesh import Mesh
+from physics.mesh.second import second_order
 from physics.mesh.shapes.boxes import box, rectangle
 from physics.mesh.shapes.channel import channel
-from physics.mesh.second import second_order
 from physics.mesh.shapes.graded import graded_channel
 from physics.scene import PLANE_CELLS, Body
 

@@ -100,7 +100,7 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
         raise InputError("body.order = 2: prisms are of first order only; take cell = \"tetrahedron\" or \"hexahedron\"")
     if body.element == "reduced" and (body.shape != "beam" or body.cell != "prism" or body.extent[0] < max(body.extent[1:])):
         raise InputError("body.element = \"reduced\": only for a beam of prisms that is at least as long as wide and high; leave it out")
-    if body.element == "mean-dilatation" and body.shape != "file" and (plane or body.cell == "tetrahedron" and body.order == 1):
+    if body.element == "mean-dilatation" and body.shape != "file" and (plane or (body.cell == "tetrahedron" and body.order == 1)):
         raise InputError("body.element = \"mean-dilatation\": only for prisms, hexahedra and tetrahedra of order 2, not for cell = "
                          f"{body.cell!r}; leave it out")
     if body.element == "reduced" and body.order == 2:
