@@ -71,10 +71,11 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 def verify(options: Options) -> dict[str, Any]:
     """Any prediction in the trajectory format, or a folder of them, held against its reference and against the equations."""
-    from datagen.files.prediction import lines, verify_files
+    from datagen.files.prediction import lines
+    from datagen.flow.prediction import flow_lines, verify_files
 
     result = verify_files(options.prediction, options.reference, _writable(options.out))
-    for line in lines(result):
+    for line in (flow_lines if "nothing_changes" in result else lines)(result):
         _say(options, line)
     return result
 
@@ -83,13 +84,15 @@ def view(options: Options) -> dict[str, Any]:
     """A film of a trajectory (.gif), one frame of it (.png), or a page in which it is turned by hand (.html)."""
     from datagen.files.trajectory import read_sound
     from datagen.scene_verbs import write_path
-    from physics.view import ObstacleSurface, film, still_picture
+    from physics.view import ObstacleSurface, film, flow_film, flow_picture, still_picture
 
     out = _writable(options.out or Path(options.trajectory).with_suffix(".gif"), ".gif", ".png", ".html")
     if options.frame is not None and out.suffix != ".png":
         raise InputError(f"--frame {options.frame}: is for a picture, --out NAME.png")
     trajectory = read_sound(options.trajectory, complete=False)
     if out.suffix == ".html":
+        if trajectory.flows:
+            raise InputError(f"--out {out}: a page is for solids; of a flow there is a picture, .png, and a film, .gif")
         write_path(out, Path(options.trajectory).name, trajectory)
         _say(options, f"page: {out}")
         return {"html": str(out)}
@@ -99,10 +102,14 @@ def view(options: Options) -> dict[str, Any]:
         frame = last if options.frame is None else options.frame
         if frame > last:
             raise InputError(f"--frame {frame}: the last one is {last}")
-        still_picture(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], frame, obstacle=surface)
+        if trajectory.flows:
+            flow_picture(out, trajectory.mesh, trajectory.fields["velocity"], frame)
+        else:
+            still_picture(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], frame, obstacle=surface)
         _say(options, f"frame {frame} of {last}: {out}")
         return {"frame": frame, "out": str(out)}
-    frames = film(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], obstacle=surface)
+    frames = (flow_film(out, trajectory.mesh, trajectory.fields["velocity"]) if trajectory.flows else
+              film(out, trajectory.mesh, trajectory.displacement[:, trajectory.body], obstacle=surface))
     _say(options, f"{frames} pictures: {out}")
     return {"pictures": frames, "out": str(out)}
 

@@ -20,7 +20,7 @@ _PUBLIC = {
     "import_records": "sets.deepmind", "inputs_of": "files.inputs", "load_family": "family.family", "pack": "sets.pack",
     "predicted": "files.inputs", "read_manifest": "sets.dataset", "read_trajectory": "files.trajectory",
     "statistics": "sets.statistics", "trajectory_of": "sets.generate", "unpack": "sets.pack",
-    "verify_files": "files.prediction", "write_trajectory": "files.trajectory",
+    "verify_files": "flow.prediction", "write_trajectory": "files.trajectory",
 }
 __all__ = sorted(_PUBLIC)
 

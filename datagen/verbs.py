@@ -32,6 +32,8 @@ def add_data_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Calla
     add("--refined", type=count, default=10, help="as for stats (10)")
     add = declared("pack", "folder")
     add("--tolerance", type=float, default=1e-6, help="largest error of a displacement [m] (1e-6)")
+    add("--share", type=float, default=1e-3, help="of flows: largest error of velocity and pressure, over their largest value in the "
+                                                  "median frame (1e-3)")
     add("--out", required=True, help="file, .pack")
     declared("unpack", "file")("--out", required=True, help="folder")
     add = declared("import", "folder")
@@ -80,9 +82,10 @@ def pack(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     from datagen.sets.pack import pack as run
 
     out = writable(options.out, ".pack")
-    result = run(options.folder, out, tolerance=options.tolerance)
+    result = run(options.folder, out, tolerance=options.tolerance, share=options.share)
+    error = f"{result['largest_error']:.3g} m" if "share" not in result else f"{result['largest_share']:.3g} of velocity and pressure"
     say(f"{result['trajectories']} trajectories, {result['bytes'] / 1e6:.2f} MB, {result['ratio']:.0f} times smaller, "
-        f"largest error {result['largest_error']:.3g} m: {out}")
+        f"largest error {error}: {out}")
     return result
 
 

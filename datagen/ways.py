@@ -16,6 +16,7 @@ EXAMPLES = {
     "sweep": "press.toml --vary obstacle.radius=0.01:0.015 --count 1000 --predictor assets/m4gn-fast --out sweep.h5",
     "evaluate": "run --data data --out report", "pareto": "press.toml --run run --predictor mymodule:model --out pareto",
     "verify": "p.vtkhdf --reference press.vtkhdf --out report", "view": "press.vtkhdf --out press.gif", "demo": "--out demo",
+    "study": "main --size check --out study",
     "dataset check": "data --steps 5", "dataset stats": "data --refined 10", "dataset card": "data",
     "dataset pack": "data --tolerance 1e-6 --out data.pack", "dataset unpack": "data.pack --out data",
     "dataset import": "deforming_plate --out plate", "dataset export": "data --out records"}

@@ -37,9 +37,9 @@ torch.manual_seed(0)
 network = Plain()
 optimizer = torch.optim.Adam(network.parameters(), lr=2e-3)
 for _ in range(6):
-    for graph, target, free in DataLoader(frames, batch_size=8, shuffle=True, collate_fn=collate):
+    for graph, target, asked in DataLoader(frames, batch_size=8, shuffle=True, collate_fn=collate):
         optimizer.zero_grad()
-        (network(graph) - target)[free].square().mean().backward()
+        (network(graph) - target)[asked].square().mean().backward()
         optimizer.step()
 
 errors = []

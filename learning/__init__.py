@@ -13,6 +13,8 @@ A room imports what stands above it in this list, never below:
     prediction/   a whole path from a predictor: a trained network, a hybrid, finite elements, or what knows nothing
     training/     how weights are found, stopped and gone on with
     report/       what is measured and said of it
+    flows/        predictors of flows beside each other
+    study/        many trainings that differ in one thing, and a table of them
     demo, verbs   the whole line, and the command line's share
 
 Imports physics and datagen; nothing here loads dolfinx until finite elements are asked for. What a user calls is importable from here:

@@ -20,6 +20,16 @@ SCHEMES = ("step", "pose")
 
 
 @dataclass(frozen=True, kw_only=True)
+class Outputs:
+    """What a network predicts beside the state of a body or a fluid.
+
+    fields: of the trajectories, told at every node of the body as they are in the frame to come: ["stress"], ["pressure"]
+    """
+
+    fields: tuple[str, ...] = quantity(())
+
+
+@dataclass(frozen=True, kw_only=True)
 class TrainConfig:
     """Segments, graph, noise and schedule of one training.
 
@@ -56,6 +66,7 @@ class TrainConfig:
     mode_count: int = quantity(1, at_least=1, at_most=100)
     overlap: int = quantity(0, at_least=0, at_most=1)
     network: NetworkConfig = field(default_factory=M4GNConfig)
+    outputs: Outputs = field(default_factory=Outputs)
     contact_radius: float = quantity(0.002, unit="m", above=0)
     noise: float = quantity(1e-4, unit="m", at_least=0)
     batch_size: int = quantity(8, at_least=1, at_most=10_000)
@@ -83,12 +94,15 @@ class PosesConfig:
 
     frames: that are learned from in each trajectory, evenly spaced from the first touch on
     poses: at which a path is predicted; splines lead from one to the next
-    batch_size: poses
+    batch_size: poses in a training step
     learning_rate: of AdamW, falling to zero by a cosine
+    weight_decay: of AdamW
+    clip_norm: largest norm of the gradient of all weights together
     steps, budget_seconds: training ends at whichever is reached first, and so does the cosine; reading the data is not counted
     validate_every: steps between checkpoints
     coverage: share of validation frames that the error bar shall cover
     unsure_above: a frame is unsure when its error bar is longer
+    seed: of weights and draws
     """
 
     frames: int = quantity(50, at_least=2)

@@ -1,4 +1,4 @@
-"""The whole line on one small data set: modes, trajectories, segments, training, rollouts, report.
+"""The whole line on one small data set: modes, trajectories, segments, trainings, rollouts, report.
 
 Everything lands in one folder. What a former, interrupted run has finished there is kept; a training goes on from its
 last checkpoint.
@@ -18,20 +18,21 @@ from datagen.family.family import counts, draw, load_family
 from datagen.files.trajectory import read_trajectory
 from datagen.sets.dataset import files, read_manifest
 from datagen.sets.generate import generate
-from learning.config import TrainConfig, load_config
+from learning.config import SlenderConfig, TrainConfig, load_config
 from learning.report.evaluate import evaluate
 from learning.samples.samples import segments_of
 from learning.segments.quality import segment_quality
+from learning.training.sections import train_sections
 from learning.training.train import train
 from physics.modes.elastic import elastic_modes, euler_bernoulli_hz
 
-CONFIG = Path(__file__).parent / "configs" / "m4gn-small.toml"
+CONFIG, FAST = (Path(__file__).parent / "configs" / f"{name}.toml" for name in ("m4gn-small", "sections-small"))
 
 
 def run(out: Path, *, say: Callable[[str], None], training_steps: int | None = None) -> dict[str, Any]:
     """Make the demonstration in a folder; `say` takes what there is to read. Returns what evaluate() returns, and "seconds".
 
-    training_steps: instead of those in learning/configs/m4gn-small.toml
+    training_steps: instead of those in learning/configs/m4gn-small.toml and, at most, sections-small.toml
     """
     started = time.perf_counter()
     family, data = load_family("demo"), out / "data"
@@ -68,8 +69,17 @@ def run(out: Path, *, say: Callable[[str], None], training_steps: int | None = N
     error = "none, every rollout blew up" if result["best_error"] is None else f"{1e3 * result['best_error']:.3f} mm"
     say(f"   {result['parameters']} weights, {result['steps']} steps in {result['seconds']:.0f} s, validation error {error}: {trained}")
 
-    say("\n5  Rollouts of the test beams, held against finite elements")
-    report = evaluate(trained, files(data, "test"), out / "report", say=lambda line: say("   " + line))
+    fast = load_config(FAST)
+    assert isinstance(fast, SlenderConfig)
+    say(f"\n5  Beam theory, and a network for what it leaves over, trained for {fast.steps} steps on the same trajectories")
+    sections = out / "fast"
+    result = train_sections(fast, files(data, "train"), files(data, "valid"), sections, steps=training_steps,
+                            resume=(sections / "last.safetensors").exists())
+    say(f"   {result['parameters']} weights, {result['steps']} steps in {result['seconds']:.0f} s, validation error "
+        f"{1e3 * result['best_error']:.3f} mm: {sections}")
+
+    say("\n6  Rollouts of the test beams, held against finite elements")
+    report = evaluate(trained, files(data, "test"), out / "report", beside=[sections], say=lambda line: say("   " + line))
     seconds = time.perf_counter() - started
     say(f"\nAll of it took {seconds:.0f} s. Open {out / 'report' / 'report.html'}")
     return {**report, "seconds": seconds}

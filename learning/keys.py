@@ -2,45 +2,17 @@
 
     .venv/bin/python -m learning.keys               the table
     .venv/bin/python -m learning.keys networks      that of the kinds of networks beside M4GN
+    .venv/bin/python -m learning.keys at-once       that of predictors that know all poses of a path at once
 """
 
 from __future__ import annotations
 
-import dataclasses
-import re
 import sys
-import typing
-from dataclasses import MISSING, dataclass
 from typing import Any
 
-from learning.config import TrainConfig
+from learning.config import KINDS, PosesConfig, TrainConfig
 from learning.networks.kinds import CONFIGS
-
-HEADS = "key", "default", "limits", "what it is"
-
-
-@dataclass(frozen=True)
-class Key:
-    """One key: its name with the tables it stands in, its default and limits in words, and what it is."""
-
-    name: str
-    default: str
-    limits: str
-    meaning: str
-
-
-def keys(kind: type[Any] = TrainConfig, where: str = "") -> list[Key]:
-    """All keys of a config, those of its tables after `TABLE.`."""
-    about, found = _about(kind), []
-    hints = typing.get_type_hints(kind)
-    for field in dataclasses.fields(kind):
-        kinds = [each for each in (hints[field.name], *typing.get_args(hints[field.name])) if dataclasses.is_dataclass(each)]
-        if kinds:  # of several, the one that stands for a table without a kind
-            found += keys(typing.cast(type[Any], kinds[0]), f"{where}{field.name}.")
-            continue
-        default = "needed" if field.default is MISSING else "none" if field.default is None else _toml(field.default)
-        found.append(Key(where + field.name, default, _limits(field.metadata.get("bound")), about.get(field.name, "")))
-    return found
+from physics.keys import HEADS, Key, keys, table
 
 
 def others() -> dict[str, list[Key]]:
@@ -54,27 +26,32 @@ def help_text() -> str:
     def lines(some: list[Key]) -> list[str]:
         return [f"  {key.name:26s} {key.default:14s} {key.meaning} ({key.limits})" for key in some]
 
-    rest = [line for kind, some in others().items() for line in ("", f"  network.kind = {kind}", *lines(some))]
-    return "\n".join(["keys of the config (TOML), their defaults, what they are:", *lines(keys()), *rest])
+    rest = [line for kind, some in (others() | at_once()).items() for line in ("", f"  network.kind = {kind}", *lines(some))]
+    return "\n".join(["keys of the config (TOML), their defaults, what they are:", *lines(keys(TrainConfig)), *rest])
 
 
-def table() -> str:
+def config_table() -> str:
     """The keys as a table of a page."""
-    return "\n".join([_row(*HEADS), _row(*["---"] * 4), *(_row(*_entries(key)) for key in keys())])
+    return table(key.entries for key in keys(TrainConfig))
 
 
 def network_table() -> str:
     """Those of the other kinds of networks."""
-    rows = [_row(f'"{kind.split(":")[0]}"', *_entries(key)) for kind, some in others().items() for key in some]
-    return "\n".join([_row("kind", *HEADS), _row(*["---"] * 5), *rows])
+    return table([(f'"{kind.split(":")[0]}"', *key.entries) for kind, some in others().items() for key in some], ("kind", *HEADS))
 
 
-def _entries(key: Key) -> tuple[str, ...]:
-    return f"`{key.name}`", key.default, key.limits, key.meaning
+def at_once() -> dict[str, list[Key]]:
+    """The keys of predictors that know all poses of a path at once, whose configs are of another kind: those of all of them under
+    their names, and what each has of its own under its name."""
+    every = {kind: keys(config) for kind, config in KINDS.items()}
+    shared = keys(PosesConfig)
+    return {" and ".join(every): shared} | {kind: [key for key in own if key not in shared and key.name != "network.kind"]
+                                            for kind, own in every.items()}
 
 
-def _row(*entries: str) -> str:
-    return f"| {' | '.join(entries)} |".replace("  ", " ")
+def at_once_table() -> str:
+    """These as a table of a page."""
+    return table([(kind, *key.entries) for kind, some in at_once().items() for key in some], ("kind", *HEADS))
 
 
 def _first(kind: type[Any]) -> str:
@@ -82,28 +59,7 @@ def _first(kind: type[Any]) -> str:
     return (kind.__doc__ or "").split("\n")[0].split(". ")[0].rstrip(".")
 
 
-def _about(kind: type[Any]) -> dict[str, str]:
-    """What a docstring says of each key, in lines `name, name: words` that may go on indented."""
-    found: dict[str, str] = {}
-    for names, words in re.findall(r"^ *(\w+(?:, \w+)*): (.+(?:\n {8,}.+)*)", kind.__doc__ or "", re.MULTILINE):
-        found |= dict.fromkeys(names.split(", "), " ".join(words.split()))
-    return found
-
-
-def _toml(value: Any) -> str:
-    return f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _limits(bound: Any) -> str:
-    """The bounds of a key in words."""
-    if bound is None:
-        return "true or false"
-    if bound.choice and bound.at_least is None:
-        return " or ".join(f'"{choice}"' for choice in bound.choice)
-    words = [f"{word} {limit:.10g}" for word, limit in (("above", bound.above), ("below", bound.below), ("from", bound.at_least),
-                                                        ("to", bound.at_most)) if limit is not None]
-    return " ".join([*words, *([f"{bound.unit}"] if bound.unit else []), *(f'or "{choice}"' for choice in bound.choice)])
-
+MADE = {"networks": network_table, "at-once": at_once_table}
 
 if __name__ == "__main__":
-    print(network_table() if sys.argv[1:] == ["networks"] else table())
+    print(MADE.get("".join(sys.argv[1:]), config_table)())

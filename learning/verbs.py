@@ -1,4 +1,4 @@
-"""What the command line does with networks: segment, train, calibrate, rollout, sweep, evaluate, pareto; wiring only.
+"""What the command line does with networks: segment, train, calibrate, rollout, sweep, evaluate, pareto, study; wiring only.
 
 Each function takes the options of its verb, `say` for lines to the reader, and `writable`, which checks the path of an output
 before any work; what it returns is printed as JSON when that is asked for.
@@ -87,6 +87,18 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     _own(add)
     add("--only", default="", metavar="KIND,KIND", help="of our own only these: learned, hybrid, trivial, fe, reduced (all); the "
                                                         "reference comes along")
+    _study(verb, positive)
+
+
+def _study(verb: Callable[..., argparse.ArgumentParser], positive: Callable[[str], int]) -> None:
+    add = verb("study", study, "study").add_argument
+    add("--size", default="small", choices=("check", "small", "paper"), help="minutes, hours on a few cores, or a GPU (small)")
+    add("--out", required=True, help="folder of everything it makes; where it holds this study already, it goes on")
+    add("--data", help="folder of a data set to train and test on, in place of the one that would be made")
+    add("--workers", type=positive, help="trainings at once (one for each core)")
+    add("--cluster", default="", metavar="tcp://...", help="a Dask scheduler, whose workers do it instead")
+    add("--tls", nargs=3, default=(), metavar=("CA", "CERT", "KEY"), help="for tls://, files of the authority's certificate, ours, its key")
+    _device(add)
 
 
 def _device(add: Callable[..., Any]) -> None:
@@ -112,6 +124,7 @@ def segment(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
 
 def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """A network, trained on a data set."""
+    from datagen.files.trajectory import read_trajectory
     from datagen.sets.dataset import files
     from learning.config import load_config
     from learning.training.kinds import train as run
@@ -123,8 +136,9 @@ def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     valid = files(options.data, "valid") if Path(options.data, "valid").is_dir() else []
     result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume, device=options.device)
     error = result["best_error"]
+    size = "" if error is None else f"{error:.4g} m/s" if valid and read_trajectory(valid[0]).flows else f"{1e3 * error:.3f} mm"
     say(f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
-        + (f", best validation error {1e3 * error:.3f} mm (RMSD of whole rollouts over {len(valid)} validation "
+        + (f", best validation error {size} (RMSD of whole rollouts over {len(valid)} validation "
            f"trajector{'y' if len(valid) == 1 else 'ies'}, free nodes)" if error is not None else "") + f": {out}")
     return result
 
@@ -151,9 +165,10 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
     """A trained network's prediction of a whole trajectory, on request corrected by Newton steps."""
     from datagen.files.prediction import read_truth
     from datagen.files.trajectory import read_sound, write_trajectory
+    from datagen.flow.figures import predicted_nodes, resting
     from learning.prediction.checkpoint import load_model
     from learning.prediction.rollout import rollout as run
-    from physics.mesh.quality import rmsd
+    from physics.mesh.quality import rmsd, rmse
 
     model = load_model(options.run, options.device)
     truth = read_truth(options.trajectory) if options.correct else None
@@ -168,6 +183,11 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
     else:
         prediction = run(model, trajectory)
     write_trajectory(out, prediction)
+    if trajectory.flows:
+        start, nodes = resting(trajectory) + 1, predicted_nodes(trajectory)
+        error = rmse(prediction.fields["velocity"][start:], trajectory.fields["velocity"][start:], nodes, space=2)
+        say(f"{len(prediction.displacement) - start} steps, RMSE of the velocity over all of them {error:.4g} m/s: {out}")
+        return {"steps": len(prediction.displacement) - start, "velocity_rmse_all": error, **prediction.extra}
     error = rmsd(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
     say(f"{len(prediction.displacement) - 1} steps, RMSD over all of them {1e3 * error:.3f} mm: {out}")
     return {"steps": len(prediction.displacement) - 1, "rmsd_all": error, **prediction.extra}
@@ -210,16 +230,51 @@ def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any
     from datagen.sets.dataset import files
     from learning.report.evaluate import evaluate as run
 
-    out = writable(options.out or Path(options.run) / "report")
-    return run(options.run, files(options.data, options.split), out, correct=options.correct, refined=options.refined,
+    out, chosen = writable(options.out or Path(options.run) / "report"), files(options.data, options.split)
+    if _flows(chosen[0]):
+        return _of_flows(options, chosen, [options.run], out, say)
+    return run(options.run, chosen, out, correct=options.correct, refined=options.refined,
                predictions=options.prediction, functions=options.predictor, device=options.device, say=say)
 
 
 def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """Speed against error: trained runs, finite elements made cheaper, a reduced-order model and what knows nothing."""
+    from datagen.sets.dataset import files
     from learning.report.compare import compare
+    from learning.report.evaluate import evenly
 
     out = writable(options.out)
+    if Path(options.what).suffix.lower() != ".toml":
+        found = files(options.what, options.split)
+        if _flows(found[0]):
+            chosen = [found[i] for i in evenly(options.count, len(found))]
+            return _of_flows(options, chosen, options.run, out, say, repeats=options.repeats,
+                             only=[kind.strip() for kind in options.only.split(",") if kind.strip()])
     return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
                    repeats=options.repeats, predictions=options.prediction, functions=options.predictor, device=options.device,
                    only=[kind.strip() for kind in options.only.split(",") if kind.strip()], say=say)
+
+
+def study(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
+    """Trainings that differ in one thing, a table of them with deviations over seeds and published figures, and their curves."""
+    from learning.study.run import run_study
+
+    return run_study(options.study, writable(options.out), size=options.size, data=options.data, workers=options.workers,
+                     cluster=options.cluster, tls=options.tls, device=options.device, say=say)
+
+
+def _flows(path: Path) -> bool:
+    """Whether a trajectory is a flow."""
+    from datagen.files.trajectory import read_trajectory
+
+    return read_trajectory(path).flows
+
+
+def _of_flows(options: Options, files: list[Path], runs: list[str], out: Path, say: Say, *, repeats: int = 1,
+              only: list[str] | None = None) -> dict[str, Any]:
+    """Everything that predicts a flow, in one report."""
+    from learning.flows.compare import compare_flows
+
+    if options.predictor:
+        raise InputError(f"--predictor {' '.join(options.predictor[0])}: is for solids; of flows give --prediction FOLDER")
+    return compare_flows(files, runs, out, repeats=repeats, predictions=options.prediction, only=only or [], device=options.device, say=say)

@@ -3,9 +3,11 @@
 A room imports what stands above it in this list, never below:
 
     schema, whole   a stranger's table read; a file written whole or not at all
+    foreign         a file as meshio reads it, or why it does not
     threads         one for the linear algebra
     journal         an unfinished path on disk, to go on from after a kill
     scene/          what is simulated: body, material, supports, loads, obstacle, steps
+    keys            the keys of a scene, told
     mesh/           what the body's mesh is, where its places are, whether it is sound
     fem             the only file that knows which dolfinx is installed
     linalg/         how K x = b and K x = lambda M x are solved

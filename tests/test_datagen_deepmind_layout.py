@@ -110,6 +110,36 @@ def test_what_lies_in_its_plane_has_two_coordinates_and_no_motion():
         assert to_fields(flat(**change))["mesh_pos"].shape == (1, 3, 3) and "world_pos" in to_fields(flat(**change))
 
 
+def test_a_plane_body_of_quadrilaterals_that_moves_is_read_back_as_one():
+    moving = np.zeros((2, 4, 3), np.float32)
+    moving[1, 2, :2] = 0.25, 0.5
+    square = flat(points=np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]), types=np.array([9], np.uint8), offsets=np.array([0, 4]),
+                  connectivity=np.arange(4), node_kind=np.zeros(4, np.uint8), displacement=moving, modes=np.zeros((0, 4, 3), np.float32))
+    found = to_fields(square)
+    assert found["mesh_pos"].shape == (1, 4, 2) and found["world_pos"].shape == (2, 4, 3)
+    again = from_fields(found)
+    assert again.mesh.cell == "quadrilateral" and np.array_equal(again.displacement, moving) and np.array_equal(again.points, square.points)
+
+
+def test_the_stress_that_is_written_is_von_mises_and_the_tensor_has_another_name():
+    tensor, mises = np.ones((3, 8, 6), np.float32), np.full((3, 8, 1), 2, np.float32)
+    found = to_fields(tiny(fields={"stress": tensor, "von_mises": mises}))
+    assert found["stress"] is mises and found["cauchy_stress"] is tensor and "von_mises" not in found
+    assert {name: field.shape[2] for name, field in from_fields(found).fields.items()} == {"stress": 1, "cauchy_stress": 6}
+
+
+def test_two_obstacles_go_there_and_back_each_with_its_own_way():
+    u = np.zeros((3, 11, 3), np.float32)
+    u[:, :8] = tiny().displacement
+    u[1:, 8:] = -0.5, 0.25, 0
+    two = tiny(points=np.concatenate([tiny().points, tiny().points[5:] + [0, -4, 0]]), node_kind=np.append(tiny().node_kind, [1, 1, 1]),
+               connectivity=np.append(tiny().connectivity, [8, 9, 10]), offsets=np.append(tiny().offsets, 14),
+               types=np.append(tiny().types, 5).astype(np.uint8), displacement=u, modes=np.zeros((0, 11, 3), np.float32), frequencies_hz=())
+    again = from_fields(to_fields(two))
+    assert np.array_equal(again.obstacle[1], [[0, 1, 2], [3, 4, 5]]) and again.node_kind.tolist() == two.node_kind.tolist()
+    assert np.allclose(again.displacement, u, rtol=0, atol=3e-7) and np.allclose(again.points, two.points, rtol=0, atol=3e-7)
+
+
 def test_bricks_are_kept_whole_or_refused():
     brick = tiny(points=np.eye(8, 3), types=np.array([12], np.uint8), offsets=np.array([0, 8]), connectivity=np.arange(8),
                  node_kind=np.zeros(8, np.uint8))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from datagen.files import trajectory as module
+from datagen.files.layout import displacements
 from datagen.files.solved import as_solved
 from datagen.files.trajectory import at_rest, problems, read_sound, read_trajectory, unfinished, write_trajectory
 from physics.mesh.build import build_mesh
@@ -116,8 +117,8 @@ def test_what_is_derived_of_a_trajectory():
 def test_the_numbers_of_node_kinds_and_cells_are_those_of_the_public_data_sets_and_of_vtk():
     names = ("NORMAL", "OBSTACLE", "AIRFOIL", "HANDLE", "INFLOW", "OUTFLOW", "WALL")
     assert [getattr(module, name) for name in names] == [0, 1, 2, 3, 4, 5, 6]
-    # triangle, quadrilateral, tetrahedron, hexahedron, wedge
-    assert {vtk: cell.corners for vtk, cell in OF_VTK.items()} == {5: 3, 9: 4, 10: 4, 12: 8, 13: 6}
+    # triangle, quadrilateral, tetrahedron, hexahedron, wedge, and their kin of second order, by corners
+    assert {vtk: cell.corners for vtk, cell in OF_VTK.items()} == {5: 3, 9: 4, 10: 4, 12: 8, 13: 6, 24: 4, 29: 8}
 
 
 @pytest.mark.parametrize(("cell", "vtk", "corners"), [("prism", 13, 6), ("hexahedron", 12, 8), ("tetrahedron", 10, 4)])
@@ -190,3 +191,9 @@ def test_nothing_is_left_of_a_file_that_could_not_be_written(tmp_path):
     assert not list(tmp_path.iterdir())
     write_trajectory(tmp_path / "deep" / "t.vtkhdf", tiny())
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["t.vtkhdf"]
+
+
+@pytest.mark.parametrize("given", [[[["a", "b", "c"]]], [[[object(), 1, 2]]], [[1, 2], [3]]])
+def test_what_is_no_array_of_numbers_is_said_in_one_line(given):
+    with pytest.raises(InputError, match="^displacement is no array of numbers: [^\n]+$"):
+        displacements(given, None, 1, "of the body")

@@ -33,5 +33,5 @@ def test_an_example_is_short_asserts_its_number_and_uses_public_names_only(path)
             assert not {alias.name.split(".")[0] for alias in node.names} & {"physics", "datagen", "learning"}
 
 
-def test_there_are_eight_to_fourteen_examples():
-    assert 8 <= len(EXAMPLES) <= 14
+def test_there_are_eight_to_sixteen_examples():
+    assert 8 <= len(EXAMPLES) <= 16

@@ -324,7 +324,7 @@ def test_generate_hands_its_options_on(monkeypatch, capsys, tmp_path):
 
 def test_verify_prints_the_lines_of_what_it_found(monkeypatch, capsys, tmp_path):
     given = []
-    monkeypatch.setattr("datagen.files.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmsd_all": 1.25e-4})
+    monkeypatch.setattr("datagen.flow.prediction.verify_files", lambda *arguments: given.append(arguments) or {"rmsd_all": 1.25e-4})
     monkeypatch.setattr("datagen.files.prediction.lines", lambda result: [f"error {result['rmsd_all']}", "verdict"])
     assert called(capsys, "verify", "p", "--reference", "r", "--out", tmp_path / "o")[1] == "error 0.000125\nverdict\n"
     assert json.loads(called(capsys, "verify", "p", "--reference", "r", "--json")[1]) == {"rmsd_all": 1.25e-4}

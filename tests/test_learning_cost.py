@@ -25,12 +25,16 @@ def test_without_a_reference_nothing_is_counted():
     assert math.isnan(counted(some()[:1], {"fast": {"seconds": 60.0, "data_seconds": 3000.0}})[0].scores["paid_back"])
 
 
-def test_predictors_are_called_after_their_kind_and_where_there_are_several_after_their_folder():
+def test_predictors_are_called_after_their_kind_and_where_several_are_of_one_after_their_folder():
     class Kind:
         title = "beam sections"
 
+    class Other:
+        title = "M4GN"
+
     assert called({"runs/a": Kind()}) == {"runs/a": "beam sections"}
     assert called({"runs/a": Kind(), "b": Kind()}) == {"runs/a": "beam sections a", "b": "beam sections b"}
+    assert called({"c": Other(), "a": Kind(), "b": Kind()}) == {"c": "M4GN", "a": "beam sections a", "b": "beam sections b"}
 
 
 def test_what_the_data_took_is_said_where_it_is_known():

@@ -11,7 +11,7 @@ from datagen.family.family import load_family
 from datagen.files.trajectory import read_trajectory
 from datagen.sets.dataset import read_manifest
 from learning import demo
-from learning.config import TrainConfig, load_config
+from learning.config import SlenderConfig, TrainConfig, load_config
 from physics.schema import read_table
 from tests.chromium import MISSING, PROGRAM, Chromium
 
@@ -41,6 +41,7 @@ test = 1
 SMALL = {"segments": 4, "method": "slic-mdod-e", "contact_radius": 0.012, "noise": 1e-4, "batch_size": 2, "steps": 5000,
          "learning_rate": 3e-3, "final_learning_rate": 1e-4, "validate_every": 100,
          "network": {"hidden": 16, "message_steps": 2, "transformer_layers": 1, "heads": 2}}
+FAST = {"frames": 4, "poses": 6, "batch_size": 4, "steps": 30, "network": {"pose_hidden": 8, "hidden": 8}}
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +52,16 @@ def small(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         asked = []
         patch.setattr(demo, "load_family", lambda name: asked.append(name) or load_family(folder / "small.toml"))
-        patch.setattr(demo, "load_config", lambda path: asked.append(path) or read_table(TrainConfig, SMALL))
+        patch.setattr(demo, "load_config", lambda path: asked.append(path) or (
+            read_table(SlenderConfig, FAST) if path == demo.FAST else read_table(TrainConfig, SMALL)))
         lines: list[str] = []
         result = demo.run(folder / "out", say=lines.append, training_steps=40)
     return SimpleNamespace(folder=folder / "out", asked=asked, text="\n".join(lines), result=result)
 
 
 def test_it_takes_the_family_and_the_config_of_the_package(small):
-    assert small.asked == ["demo", demo.CONFIG] and demo.CONFIG.name == "m4gn-small.toml" and demo.CONFIG.is_file()
+    assert small.asked == ["demo", demo.CONFIG, demo.FAST] and demo.CONFIG.is_file() and demo.FAST.is_file()
+    assert (demo.CONFIG.name, demo.FAST.name) == ("m4gn-small.toml", "sections-small.toml")
 
 
 def test_modes_are_beside_those_of_beam_theory(small):
@@ -92,6 +95,8 @@ def test_the_training_is_as_long_as_asked_for_and_its_error_is_in_mm(small):
     assert "trained for 40 steps on 1 trajectories" in small.text and " weights, 40 steps in " in small.text
     assert 0.01 < float(re.search(r"validation error ([\d.]+) mm", small.text)[1]) < 10  # the beams move by 10 mm
     assert (small.folder / "run" / "last.safetensors").is_file()
+    assert "leaves over, trained for 30 steps" in small.text and " weights, 30 steps in " in small.text  # of 40 at most
+    assert (small.folder / "fast" / "last.safetensors").is_file()
 
 
 def test_the_report_is_of_the_test_beams_and_holds_every_rival(small):
@@ -99,6 +104,7 @@ def test_the_report_is_of_the_test_beams_and_holds_every_rival(small):
     rows = {row["name"]: row["scores"]["rmsd_all"] for row in small.result["rows"]}
     assert 0 < rows["FE, cells twice as large"] < rows["FE, cells four times as large"] < rows["nothing moves"]
     assert rows["M4GN, corrected 10-fold"] < rows["M4GN"]
+    assert 0 < rows["beam sections"] < rows["nothing moves"]  # theory alone knows most of it
     assert f"All of it took {small.result['seconds']:.0f} s. Open {small.folder / 'report' / 'report.html'}" in small.text
     for name in ("report.md", "report.html", "report.json", "table.csv", "pareto.png", "frame_0000.png"):
         assert (small.folder / "report" / name).stat().st_size > 100
@@ -131,7 +137,10 @@ def parts(monkeypatch, tmp_path, best: float | None) -> tuple[list[str], dict]:
         "train": lambda *given, **how: (
             calls.update(train=given, how=how) or {"best_error": best, "parameters": 99, "steps": 7, "seconds": 4.5}
         ),
-        "evaluate": lambda *given, say: say("a line") or calls.update(evaluate=given) or {"summary": "words"},
+        "train_sections": lambda *given, **how: (
+            calls.update(fast=given, fast_how=how) or {"best_error": 2.5e-5, "parameters": 88, "steps": 6, "seconds": 3.5}
+        ),
+        "evaluate": lambda *given, beside, say: say("a line") or calls.update(evaluate=(*given, beside)) or {"summary": "words"},
     }
     for name, value in replaced.items():
         monkeypatch.setattr(demo, name, value)
@@ -154,24 +163,30 @@ def test_every_line_of_it_on_known_numbers(monkeypatch, tmp_path):
         "\n3  Segments: METIS, then refined by the first elastic mode and the distance to the obstacle (slic-mdod-e)",
         "   metis        conductance 0.123, edge cut ratio 0.500",
         "   slic-mdod-e  silhouette 1.000",
-        "\n4  M4GN, trained for 4000 steps on 3 trajectories",
+        "\n4  M4GN, trained for 3600 steps on 3 trajectories",
         f"   99 weights, 7 steps in 4 s, validation error 1.234 mm: {tmp_path / 'run'}",
-        "\n5  Rollouts of the test beams, held against finite elements",
+        "\n5  Beam theory, and a network for what it leaves over, trained for 1000 steps on the same trajectories",
+        f"   88 weights, 6 steps in 4 s, validation error 0.025 mm: {tmp_path / 'fast'}",
+        "\n6  Rollouts of the test beams, held against finite elements",
         "   a line",
         f"\nAll of it took 42 s. Open {tmp_path / 'report' / 'report.html'}"]
     assert calls["result"] == {"summary": "words", "seconds": pytest.approx(42.4)}
     assert calls["generate"] == ("demo", {"train": 2}, tmp_path / "data")
     assert calls["train"] == (load_config(demo.CONFIG), ["train/0", "train/1", "train/2"], ["valid/0", "valid/1"], tmp_path / "run")
-    assert calls["evaluate"] == (tmp_path / "run", ["test/0"], tmp_path / "report")
+    assert calls["fast"] == (load_config(demo.FAST), ["train/0", "train/1", "train/2"], ["valid/0", "valid/1"], tmp_path / "fast")
+    assert calls["fast_how"] == {"steps": None, "resume": False}
+    assert calls["evaluate"] == (tmp_path / "run", ["test/0"], tmp_path / "report", [tmp_path / "fast"])
 
 
 @pytest.mark.parametrize("kept", [False, True])
 def test_a_training_goes_on_only_where_there_is_a_checkpoint(monkeypatch, tmp_path, kept):
     if kept:
-        (tmp_path / "run").mkdir()
-        (tmp_path / "run" / "last.safetensors").touch()
+        for run in ("run", "fast"):
+            (tmp_path / run).mkdir()
+            (tmp_path / run / "last.safetensors").touch()
     said, calls = parts(monkeypatch, tmp_path, None)
-    assert calls["how"] == {"resume": kept} and f"validation error none, every rollout blew up: {tmp_path / 'run'}" in said[10]
+    assert calls["how"] == {"resume": kept} and calls["fast_how"] == {"steps": None, "resume": kept}
+    assert f"validation error none, every rollout blew up: {tmp_path / 'run'}" in said[10]
 
 
 @pytest.mark.skipif(PROGRAM is None, reason=MISSING)
@@ -206,5 +221,5 @@ def test_some_hundred_steps_on_the_familys_own_beams_already_beat_that_nothing_m
     result = demo.run(tmp_path / "demo", say=said.append, training_steps=800)
     assert "12 trajectories" in "\n".join(said)
     rows = {row["name"]: row["scores"]["rmsd_all"] for row in result["rows"]}
-    assert rows["M4GN"] < rows["nothing moves"]
+    assert rows["M4GN"] < rows["nothing moves"] and rows["beam sections"] < 0.05 * rows["nothing moves"]
     assert 0 < rows["FE, cells twice as large"] < rows["FE, cells four times as large"]

@@ -59,3 +59,8 @@ def test_rows_of_runs_carry_what_differs_between_them(monkeypatch, tmp_path, oth
     module.report_on([], [SimpleNamespace(name="c", known=None)], tmp_path, title="", runs=runs, refined=0)
     assert [each.about for each in kept["report"].rows] == [*words, "", "", "", ""]
     assert ("nothing but their seed" in kept["report"].notes[-1]) is chance and len(kept["report"].notes) == 1
+
+
+def test_numbers_are_told_short_and_other_values_as_they_are():
+    found = differing({"a": {"rate": 1e-4, "steps": 1000000, "deep": {"kind": "mgn"}}, "b": {"rate": 0.25, "steps": 30, "deep": {}}})
+    assert found == {"a": "rate 0.0001, steps 1000000, deep.kind mgn", "b": "rate 0.25, steps 30, deep.kind none"}

@@ -126,12 +126,14 @@ def test_a_report_gathers_title_names_rows_and_notes(measured, tmp_path):
 
 
 def test_how_far_outside_is_told_by_the_first_run_that_knows_its_ranges(measured, tmp_path, monkeypatch):
+    model = SimpleNamespace(title="M4GN")
     known = {"a": None, "b": Seen({"steps": (5.0, 8.0)}, {}, 3), "c": Seen({"steps": (1.0, 20.0)}, {}, 3)}
     monkeypatch.setattr(module, "read_seen", known.get)
     monkeypatch.setattr(module, "_facts", lambda *given: {})
-    module.report_on([made()], [case("in", steps=6), case("out", steps=11)], tmp_path, title="T", runs=dict.fromkeys(known), refined=0)
+    module.report_on([made()], [case("in", steps=6), case("out", steps=11)], tmp_path, title="T",
+                     runs=dict.fromkeys(known, model), refined=0)
     assert measured.report.outside == {"in": {}, "out": {"steps": 1.0}}  # 3 steps beyond a range of 3
-    module.report_on([made()], [case("out", steps=11)], tmp_path, title="T", runs={"a": None}, refined=0)
+    module.report_on([made()], [case("out", steps=11)], tmp_path, title="T", runs={"a": model}, refined=0)
     assert measured.report.outside is None
 
 
@@ -259,6 +261,7 @@ def test_what_newton_steps_make_of_a_network_is_told_by_factor_and_time():
         *rows(),
         row("M4GN b, as the start of Newton", "hybrid", 40.0, 1e-9, iterations=2.75),
         row("other, corrected 10-fold", "hybrid", 1.0, 1.0),
+        row("M4GN b, of a stranger", "foreign", 2.0, 1.0),
     ]
     # 0.2 mm / 0.05 mm is 4, 9 ms - 8 ms is 1
     assert module._of_correction(some) == [
@@ -322,6 +325,13 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
     module.evaluate("run", ["f"], tmp_path)
     assert [each.name for each in given["p"]] == ["M4GN", "M4GN, its estimate alone", "M4GN, corrected 10-fold", *names[2:]]
     assert given["refined"] == 1
+    models = {"run": model, "x/fast": SimpleNamespace(config=model.config, title="sections"), "x/b": model}
+    monkeypatch.setattr(module, "load_model", lambda run, device: models[run])
+    module.evaluate("run", ["f"], tmp_path, beside=["x/fast"])
+    assert [each.name for each in given["p"]][:4] == ["M4GN", "M4GN, its estimate alone", "M4GN, corrected 10-fold", "sections"]
+    assert [each.name for each in given["p"]][4:] == names[2:] and given["runs"] == {"run": model, "x/fast": models["x/fast"]}
+    module.evaluate("run", ["f"], tmp_path, beside=["x/b"])
+    assert [each.name for each in given["p"]][:4] == ["M4GN run", "M4GN run, its estimate alone", "M4GN run, corrected 10-fold", "M4GN b"]
 
 
 def test_halved_cells_are_halved_as_often_as_they_say(monkeypatch):

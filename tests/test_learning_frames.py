@@ -29,11 +29,11 @@ def files(tmp_path_factory):
 def test_a_frame_is_the_sample_of_a_training_scaled_by_its_normaliser(files):
     frames, case = Frames(files, CONFIG), build_example(bending(cells=(6, 2, 2), steps=3), CONFIG)
     assert len(frames) == 4 + 3
-    graph, target, free = frames[5]  # the second of the second file
+    graph, target, asked = frames[5]  # the second of the second file
     plain, velocity = sample(case, 1, CONFIG, torch.Generator())
     scales = fit_normaliser([build_example(bending(at=0.06, steps=4), CONFIG), case], CONFIG)
     assert torch.equal(graph.node, (plain.node - scales.node[0]) / scales.node[1]) and torch.equal(graph.mesh_pair, plain.mesh_pair)
-    assert torch.equal(target, velocity / scales.velocity) and free.tolist() == case.skeleton.free.tolist()
+    assert torch.equal(target, velocity / scales.velocity) and asked.tolist() == [[free] * 3 for free in case.skeleton.free.tolist()]
     others = Frames(files[:1], CONFIG, frames.normaliser)
     assert len(others) == 4 and others.normaliser is frames.normaliser
 
@@ -48,8 +48,8 @@ def test_noise_falls_as_torchs_dice_do(files):
 
 def test_a_loader_puts_frames_side_by_side(files):
     frames = Frames(files, CONFIG)
-    graph, target, free = next(iter(DataLoader(frames, batch_size=6, collate_fn=collate)))
-    assert graph.count == 6 and len(target) == len(free) == len(graph.node) == sum(len(frames[i][1]) for i in range(6))
+    graph, target, asked = next(iter(DataLoader(frames, batch_size=6, collate_fn=collate)))
+    assert graph.count == 6 and len(target) == len(asked) == len(graph.node) == sum(len(frames[i][1]) for i in range(6))
     assert torch.equal(target[-len(frames[5][1]):], frames[5][1]) and graph.mesh_pair.max() == len(target) - 1
 
 
@@ -76,8 +76,8 @@ def test_a_frame_as_data_of_torch_geometric(files, monkeypatch):
     data.Data = lambda **named: SimpleNamespace(**named)  # its Data keeps what it is given under these names
     monkeypatch.setitem(sys.modules, "torch_geometric", module)
     monkeypatch.setitem(sys.modules, "torch_geometric.data", data)
-    given, (graph, target, free) = to_pyg(frame), frame
-    assert given.x is graph.node and given.y is target and given.free is free
+    given, (graph, target, asked) = to_pyg(frame), frame
+    assert given.x is graph.node and given.y is target and given.asked is asked
     assert given.edge_index is graph.mesh_pair and given.edge_attr is graph.mesh_edge
     assert given.contact_edge_index is graph.contact_pair and given.contact_edge_attr is graph.contact_edge
     case = bending(at=0.06, steps=4)

@@ -202,3 +202,11 @@ def test_the_last_segment_may_be_another_ones_neighbour():
     """Three nodes in a row that goes round, each a segment of its own: 0 touches 2, the last one, and 1 touches nobody."""
     found = neighbours(np.array([0, 1, 2]), np.array([[0, 2], [2, 0]]))
     assert found.tolist() == [[0, 2], [2, 0]]
+
+
+def test_a_graph_that_is_there_already_is_not_copied():
+    skeleton = build_skeleton(tiny(), SEGMENT)
+    graph = build_graph(skeleton, REST, np.zeros_like(REST), 1.0)
+    assert graph.to(torch.device("cpu")) is graph and skeleton.levels == graph.levels == ()
+    away = graph.to(torch.device("meta"))
+    assert away is not graph and away.node.device.type == "meta"

@@ -61,7 +61,7 @@ def test_the_picture_is_against_finer_cells_only_where_all_rows_have_that_error_
     assert measure_of([replace(whole[0], each=({},)), *whole[1:]]) == "rmsd_all"
 
 
-def drawn(some: list[Row], path: Path | None = None) -> Axes:
+def drawn(some: list[Row], path: Path | None = None, **words: str) -> Axes:
     """The axes of a picture of rows."""
     figures = []
 
@@ -72,7 +72,7 @@ def drawn(some: list[Row], path: Path | None = None) -> Axes:
 
     with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory() as folder:
         patch.setattr(pareto, "Figure", Kept)
-        pareto_picture(path or Path(folder) / "pareto.png", some)
+        pareto_picture(path or Path(folder) / "pareto.png", some, **words)
     axes, = figures[0].axes
     return axes
 
@@ -295,3 +295,9 @@ def test_what_is_learned_has_a_front_of_its_own_where_something_else_beats_it():
                   row("d", "fe", 0.5, 7e-4)])
     step = next(line for line in axes.lines if line.get_label() == "front of what is learned")
     assert list(step.get_xdata()) == [1, 2] and list(step.get_ydata()) == pytest.approx([1, 0.5]) and step.get_drawstyle() == "steps-post"
+
+
+def test_what_the_axes_are_of_is_said_where_it_is_not_whole_rollouts():
+    axes = drawn([point("a", 1.0, 1e-3), point("b", 2.0, 5e-4)], across="time of a question [ms]", up="error of the end [mm]")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time of a question [ms]", "error of the end [mm]")
+    assert [tuple(np.ravel(spot.get_offsets())) for spot in axes.collections] == [(1.0, 1.0), (2.0, 0.5)]

@@ -106,3 +106,12 @@ def test_what_is_no_beam_under_an_obstacle_is_refused_in_one_line(changes, said)
     with pytest.raises(InputError, match=said) as caught:
         see(scene(**changes))
     assert "\n" not in str(caught.value) and str(caught.value).startswith("a predictor of beams does not take this scene: ")
+
+
+@pytest.mark.parametrize("held, axis, across", [("x-min", [5.0, 12.0, 0.0], 1), ("x-max", [5.0, 12.0, 0.0], -1),
+                                                ("x-min", [-5.0, 12.0, 0.0], -1)])
+def test_a_cylinder_turned_the_other_way_is_seen_in_a_mirror(held, axis, across):
+    """On z-max, by atan 5/12 towards x; seen from the other end x runs the other way, and y is mirrored."""
+    path = ((0.05, 0.011, 0.036), (0.05, 0.011, 0.03))
+    beam = see(scene(support=[held], path=path, obstacle={"shape": "cylinder", "axis": axis}))
+    assert beam.turn == pytest.approx(np.arctan(5 / 12)) and beam.signs[1] == across

@@ -49,7 +49,7 @@ def pose(beam, bar, obstacle, centre, bent):
              b["width"] / row * ball, angle, lying * ball / height, tanh(angle * lying / height), side / r,
              turn * b["slope"], turn * side / width, side * b["slope"] / width,
              b["lean"], tanh(b["pull"]), tanh(b["pull"] / 4), tanh(b["hold"]), tanh(b["hold"] / 4), b["lies"], tanh(b["groove"]),
-             1.0 if b["groove"] != 0 else 0.0, sag_along / max(depth, 1e-3 * height), sag_across * ball / height]
+             1.0 if b["groove"] != 0 else 0.0, tanh(b["torn"]), sag_along / max(depth, 1e-3 * height), sag_across * ball / height]
     for waves in (0.5, 1, 2):
         found += [math.sin(2 * math.pi * waves * rows), math.cos(2 * math.pi * waves * rows),
                   math.sin(2 * math.pi * waves * b["lies"]) * ball, math.cos(2 * math.pi * waves * b["lies"]) * ball]

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from learning.slender.theory import Bar
-from learning.slender.touch import Obstacle, first_touch, groove, groove_law, held, press
+from learning.slender.touch import TORN, Obstacle, first_touch, groove, groove_law, held, press, torn_apart
 
 BARS = (Bar(0.2, 0.03, 0.02, 0.3, False), Bar(0.2, 0.03, 0.02, 0.3, True))
 X = torch.tensor([0.0, 0.05, 0.14, 0.2], dtype=torch.float64)
@@ -125,3 +125,28 @@ def test_a_soft_beam_that_crosses_the_nodes_row_has_jumped_and_a_stiff_one_not()
         assert moved == 0 and lies < 0 and bool(jumped) == jumps
         _, lies, moved, jumped = (each.item() for each in held(one([-0.6]), one([hold]), one([0.3]), -0.5))
         assert moved == 0 and lies < 0 and not jumped
+
+
+def test_theory_is_torn_where_a_pull_a_twentieth_of_a_row_off_would_put_the_body_elsewhere():
+    """A touch 1.65 rows wide feels a spring k = 1.75, m = k pull / (1 + hold k), up to the knee z = 2 / 3.75; soft bodies then jump."""
+    def apart(pull, hold, first=0.5):
+        return torn_apart(one([pull]), one([hold]), one([1.65]), first).item()
+
+    assert apart(0.2, 0.3) == pytest.approx(0.3 * 1.75 * 0.1 / (1 + 0.3 * 1.75))  # smooth: as far apart as a spring puts it
+    assert apart(0.2, 0.0) == 0.0
+    # held up to 2 / 3.75 + 2 (1 - 2 / 3.75) = 1.4667, then in the next groove, where the pull is two rows less
+    before, after = 1.75 * 1.41 / 2.75, 1.75 * (1.51 - 2) / 2.75
+    assert apart(1.46, 1.0) == pytest.approx(before - after) and apart(-1.46, 1.0, -0.5) == pytest.approx(before - after)
+    assert before - after > TORN > apart(1.41, 1.0)
+    both = torn_apart(one([0.2, 1.46]), one([0.3, 1.0]), one([1.65, 1.65]), one([0.5, 0.5]))
+    assert both.tolist() == [apart(0.2, 0.3), apart(1.46, 1.0)]
+
+
+def test_a_pose_is_at_a_jump_where_it_has_jumped_and_where_it_may_have():
+    """A sphere on a tall beam, from its middle to 10 mm beside it: it moves on to the next groove, about there it may have."""
+    beside = torch.linspace(0.0, 0.01, 401, dtype=torch.float64)
+    centre = torch.stack([torch.full_like(beside, 0.18), beside, torch.full_like(beside, 0.001)], dim=1)
+    bent = press(X, centre, Obstacle(0.01, True, 0.0, 0.3, 0.003, 0.0), Bar(0.2, 0.02, 0.03, 0.3, False))
+    jumped = held(bent.pull + 2 * bent.groove, bent.hold, bent.width / 0.003, 0.3)[3]
+    assert torch.equal(bent.jumps, jumped | (bent.torn > TORN))
+    assert jumped.any() and (bent.jumps & ~jumped).any() and not bent.jumps.all()

@@ -44,13 +44,12 @@ def files(tmp_path_factory):
 def loss_of(network, normaliser, batch, of=slice(None)):
     """The mean over free nodes and components of all samples, of which those asked for are summed."""
     total, count = torch.zeros(()), 0
-    for _, _, free in batch:
-        count += 3 * int(free.sum())
-    for graph, target, free in batch[of]:
+    for _, _, asked in batch:
+        count += int(asked.sum())
+    for graph, target, asked in batch[of]:
         said = network(normaliser.graph(graph))
-        for node in torch.nonzero(free)[:, 0].tolist():
-            for axis in range(3):
-                total = total + (said[node, axis] - target[node, axis] / float(normaliser.velocity)) ** 2
+        for node, axis in torch.nonzero(asked).tolist():
+            total = total + (said[node, axis] - target[node, axis] / float(normaliser.velocity)) ** 2
     return total / count
 
 
@@ -65,7 +64,7 @@ def test_a_step_follows_the_clipped_gradient_of_the_mean_square_in_units_of_the_
     config, network = replace(CONFIG, clip_norm=clip), M4GN(CONFIG.network)
     normaliser = replace(fit_normaliser(cases, CONFIG), velocity=torch.tensor([4e-4]))
     generator = torch.Generator().manual_seed(2)
-    batch = [(*sample(cases[which], frame, CONFIG, generator), torch.from_numpy(cases[which].skeleton.free))
+    batch = [(*sample(cases[which], frame, CONFIG, generator), cases[which].asked)
              for which, frame in ((0, 3), (1, 2), (1, 0))]
     loss = loss_of(network, normaliser, batch, slice(rank, None, count))
     slope = [count * value for value in gradient_of(network, loss)]  # of which the processes' mean is taken
@@ -94,7 +93,7 @@ def test_a_training_is_its_definition(files, tmp_path):
     first, second, losses = [0.0] * len(weights), [0.0] * len(weights), []
     for step, rate in enumerate((1e-2, 1e-2, 1e-2, 1e-3), start=1):  # the last: half way down from 1e-2 to 1e-4, in the logarithm
         picked = [frames[i] for i in torch.randint(8, (3,), generator=generator).tolist()]
-        batch = [(*sample(cases[which], frame, config, generator), torch.from_numpy(cases[which].skeleton.free)) for which, frame in picked]
+        batch = [(*sample(cases[which], frame, config, generator), cases[which].asked) for which, frame in picked]
         loss = loss_of(network, normaliser, batch)
         losses.append(float(loss.detach()))
         slope = gradient_of(network, loss)
@@ -148,9 +147,9 @@ def test_frames_are_drawn_evenly_or_by_their_chance(cases):
 
 
 def test_a_drawn_sample_carries_the_mask_of_its_own_case(cases):
-    for graph, target, free in draw(cases, all_frames(cases), None, replace(CONFIG, batch_size=8), torch.Generator().manual_seed(0)):
-        assert len(graph.node) == len(target) == len(free)
-        assert torch.equal(free, graph.node[:, 0] > 0)  # the kind of a free node
+    for graph, target, asked in draw(cases, all_frames(cases), None, replace(CONFIG, batch_size=8), torch.Generator().manual_seed(0)):
+        assert len(graph.node) == len(target) == len(asked)
+        assert torch.equal(asked, (graph.node[:, :1] > 0).expand(-1, 3))  # the kind of a free node
 
 
 # a training whose steps and validations are made up: only the loop itself runs

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from physics.equilibrium.balance import CONTACT_STIFFNESS, GAP_TOLERANCE, Balance, cell_size
+from physics.equilibrium.state import State
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from tests.scenes import beam
@@ -132,3 +133,21 @@ def test_what_is_not_held_or_starts_in_the_body_is_refused():
     assert balance(obstacle=ball((0.02, 0.01, 0.018 - 0.9e-6 * 0.005))).clearance(0) < 0
     with pytest.raises(InputError, match="inside the body"):
         balance(obstacle=ball((0.02, 0.01, 0.018 - 1.1e-6 * 0.005)))
+
+
+def test_a_pressure_alone_loads_a_body_and_so_does_a_turn():
+    box = {"length": 0.02, "width": 0.02, "height": 0.02, "cells": [2, 2, 2]}
+    def loaded(**more):
+        scene = beam(body=box, **more)
+        return Balance(scene, build_mesh(scene.body)).loaded
+    assert not loaded() and loaded(load=[{"where": "z-max", "pressure": 1.0, "follower": True}])
+    assert loaded(support=[{"where": "x-min"}, {"where": "x-max", "axis": [1, 0, 0], "angle": 1.0}])
+    assert loaded(load=[{"where": "z-max", "pressure": 1.0}]) and loaded(load=[{"acceleration": [0, 0, 1.0]}])
+
+
+def test_what_is_told_of_each_obstacle_is_nothing_of_one_and_zero_forces_of_two_at_rest():
+    rest = State(0.0, np.zeros((4, 3)), np.zeros(5))
+    assert rest.of_each(1) == rest.of_each(0) == {}
+    assert rest.of_each(2)["reactions"].tolist() == [[0, 0, 0]] * 2
+    pressed = State(0.5, np.zeros((4, 3)), np.zeros(5), reactions=np.array([[1.0, 2, 3], [4, 5, 6]]))
+    assert pressed.of_each(2)["reactions"].tolist() == [[1, 2, 3], [4, 5, 6]]

@@ -155,3 +155,14 @@ def test_each_shape_function_is_1_at_its_corner_and_0_at_the_others(name):
     values, _ = CELLS[name].shapes(np.array(CORNERS[name], float))
     np.testing.assert_array_equal(values, np.eye(CELLS[name].corners))
     assert CELLS[name].weights.sum() == pytest.approx({"tetrahedron": 1 / 6, "prism": 1 / 2, "hexahedron": 1}[name], rel=1e-15)
+
+
+@pytest.mark.parametrize("name, volume", [("triangle", 1 / 2), ("quadrilateral", 1.0), ("tetrahedron", 1 / 6), ("hexahedron", 1.0),
+                                          ("prism", 1 / 2)])
+def test_points_of_quadrature_integrate_linear_functions_over_the_reference_cell(name, volume):
+    """A triangle's or tetrahedron's centre is the mean of its corners; a square's and a cube's is the middle."""
+    cell = CELLS[name]
+    middle = {"triangle": [1 / 3, 1 / 3, 0], "quadrilateral": [1 / 2, 1 / 2, 0], "tetrahedron": [1 / 4] * 3, "hexahedron": [1 / 2] * 3,
+              "prism": [1 / 3, 1 / 3, 1 / 2]}[name]
+    assert cell.weights.sum() == pytest.approx(volume)
+    assert cell.weights @ cell.points == pytest.approx(volume * np.array(middle))

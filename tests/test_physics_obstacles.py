@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from physics.contact import obstacles as obstacle
+from physics.contact import shapes
 from physics.contact.obstacles import Rigid
 from physics.scene import Obstacle
 
@@ -269,7 +270,7 @@ def test_half_space_is_shown_as_a_square_below_the_body():
 @pytest.mark.parametrize("axis", np.eye(3).tolist() + [[3.0, -1.0, 2.0], [-1.0, 5.0, 5.0], [4.0, 3.0, -1.0]])
 def test_across_an_axis_away_from_what_it_has_least_of(axis):
     axis = np.array(axis) / np.linalg.norm(axis)
-    across = obstacle._across(axis)
+    across = shapes._across(axis)
     assert across @ axis == pytest.approx(0, abs=1e-15) and np.linalg.norm(across) == pytest.approx(1, abs=1e-15)
     assert across[abs(axis).argmin()] == 0
 
@@ -289,3 +290,23 @@ def test_a_large_obstacle_is_drawn_with_longer_edges(monkeypatch):
 
 def test_finest_is_a_hundred():
     assert len(rigid(shape="capsule", radius=1e-4, length=0.1).surface_mesh(BODY, size=1e-9)[0]) == 8 * 101 + 2
+
+
+def test_the_section_of_an_obstacle_is_what_the_plane_sees():
+    """Areas of polygons inscribed: n/2 r^2 sin(2 pi / n) for a circle, and for a stadium its rectangle as well."""
+    body, path = np.array([[0, 0, 0], [2.0, 1, 0]]), ((1.0, 3.0, 0.0),)
+
+    def area(**keys):
+        points, triangles = Rigid(Obstacle(path=path, **keys)).surface_mesh(body, size=0.1, plane=True)
+        sides = points[triangles[:, 1:]] - points[triangles[:, :1]]
+        twice = np.cross(sides[:, 0], sides[:, 1])
+        assert not points[:, 2].any() and not twice[:, :2].any() and (twice[:, 2] > 0).all()
+        return twice[:, 2].sum() / 2, points
+
+    for shape in ("sphere", "cylinder"):
+        found, points = area(shape=shape, radius=0.5, axis=(0, 0, 1))
+        assert found == pytest.approx(31 / 2 * 0.25 * np.sin(2 * np.pi / 31), rel=1e-4)  # 2 pi 0.5 / 0.1 = 31.4 sides
+        assert points[:-1].mean(axis=0) == pytest.approx([1, 3, 0], abs=1e-3)
+    lying = area(shape="capsule", radius=0.5, length=2.0, axis=(1, 0, 0))[0]
+    assert np.pi * 0.25 + 2.0 > lying > 0.99 * (np.pi * 0.25 + 2.0)
+    assert area(shape="half-space", normal=(0, -1, 0))[0] == pytest.approx((2.0 + 0.2) * 0.1)

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from physics.body.stress import cauchy, von_mises
-from physics.contact.obstacles import Rigid
 from physics.equilibrium.balance import Balance
 from physics.linalg.factor import factor_for
 from physics.mesh import quality
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.transfer import interpolate
-from physics.scene import Obstacle, read_scene
+from physics.scene import read_scene
 from physics.schema import InputError
 from physics.solution import solve
 
@@ -173,26 +172,6 @@ def test_a_linear_field_is_carried_to_any_point_of_a_plane_body():
     mesh, at = build_mesh(scene.body), np.array([[0.1, 0.9, 0], [0.5, 0.5, 0], [0.77, 0.02, 0], [1, 1, 0]])
     field = lambda p: np.stack([p[:, 0] - 2 * p[:, 1], 3 * p[:, 0], 0 * p[:, 0]], axis=1)  # noqa: E731
     assert interpolate(mesh, field(mesh.points)[None], at)[0] == pytest.approx(field(at), abs=1e-12)
-
-
-def test_the_section_of_an_obstacle_is_what_the_plane_sees():
-    """Areas of polygons inscribed: n/2 r^2 sin(2 pi / n) for a circle, and for a stadium its rectangle as well."""
-    body, path = np.array([[0, 0, 0], [2.0, 1, 0]]), ((1.0, 3.0, 0.0),)
-
-    def area(**keys):
-        points, triangles = Rigid(Obstacle(path=path, **keys)).surface_mesh(body, size=0.1, plane=True)
-        sides = points[triangles[:, 1:]] - points[triangles[:, :1]]
-        twice = np.cross(sides[:, 0], sides[:, 1])
-        assert not points[:, 2].any() and not twice[:, :2].any() and (twice[:, 2] > 0).all()
-        return twice[:, 2].sum() / 2, points
-
-    for shape in ("sphere", "cylinder"):
-        found, points = area(shape=shape, radius=0.5, axis=(0, 0, 1))
-        assert found == pytest.approx(31 / 2 * 0.25 * np.sin(2 * np.pi / 31), rel=1e-4)  # 2 pi 0.5 / 0.1 = 31.4 sides
-        assert points[:-1].mean(axis=0) == pytest.approx([1, 3, 0], abs=1e-3)
-    lying = area(shape="capsule", radius=0.5, length=2.0, axis=(1, 0, 0))[0]
-    assert np.pi * 0.25 + 2.0 > lying > 0.99 * (np.pi * 0.25 + 2.0)
-    assert area(shape="half-space", normal=(0, -1, 0))[0] == pytest.approx((2.0 + 0.2) * 0.1)
 
 
 @pytest.mark.parametrize(("more", "words"), [

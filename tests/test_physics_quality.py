@@ -53,7 +53,7 @@ def regular(cell: str) -> np.ndarray:
     if cell == "prism":
         return np.concatenate([triangle, triangle + (0, 0, 1)])
     square = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)])
-    return np.concatenate([square, square + (0, 0, 1)])
+    return square if cell == "quadrilateral" else np.concatenate([square, square + (0, 0, 1)])
 
 
 def test_rmse_is_the_mean_length_of_the_error_over_the_chosen_nodes():
@@ -92,6 +92,15 @@ def test_volumes_equal_those_of_vtk_on_cells_with_plane_sides(cell):
     points = mesh.points @ np.array([[1.1, 0.2, 0], [0.1, 0.9, 0.3], [0, 0.1, 1.2]])
     expected = by_vtk(points, mesh.cells, cell, "Volume")
     np.testing.assert_allclose(quality.cell_volumes(points, mesh.cells, cell), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_scaled_jacobian_of_plane_cells_equals_vtk_and_is_one_for_regular_ones(cell):
+    ideal = regular(cell)
+    points = np.concatenate([ideal + 0.2 * np.random.default_rng(i).uniform(-1, 1, ideal.shape) * (1, 1, 0) for i in range(9)])
+    cells = np.arange(len(points)).reshape(9, -1)
+    assert quality.scaled_jacobian(points, cells, cell) == pytest.approx(by_vtk(points, cells, cell, "ScaledJacobian"), rel=1e-12)
+    assert quality.scaled_jacobian(ideal, np.arange(len(ideal))[None], cell) == pytest.approx(1, rel=1e-14)
 
 
 @pytest.mark.parametrize("cell", SOLID)

@@ -34,7 +34,8 @@ def test_every_default():
         "name": "scene",
         "body": {"shape": "beam", "length": 0.1, "width": 0.02, "height": 0.02, "cells": (4, 2, 2), "cell_size": None, "cell": "prism",
                  "order": 1,
-                 "element": "standard", "path": None, "scale": None, "hole_centre": None, "hole_radius": None, "hole_cell_size": None,
+                 "element": "standard", "outline": None, "holes": None, "layers": None, "path": None,
+                 "scale": None, "hole_centre": None, "hole_radius": None, "hole_cell_size": None,
                  "plane": None, "thickness": None},
         "material": {"law": "neo-hookean", "young_modulus": 1e6, "poisson_ratio": 0.4, "density": 1000.0, "orthotropic": None,
                      "where": None},
@@ -42,8 +43,10 @@ def test_every_default():
                      "steps": None, "factor": None},),
         "load": ({"where": "x-max", "traction": (1.0, 2.0, 3.0), "acceleration": None, "sudden": False, "pressure": None,
                   "follower": None, "steps": None, "factor": None},),
-        "obstacle": {"shape": "sphere", "radius": 0.01, "axis": (0.0, 1.0, 0.0), "length": None, "size": None, "normal": None,
-                     "path": ((0.0, 0.0, 1.0),), "steps": None, "contact": "facets"},
+        "obstacle": {"shape": "sphere", "radius": 0.01, "axis": (0.0, 1.0, 0.0), "length": None, "size": None,
+                     "normal": None, "angle": None,
+                     "file": None, "surface": None, "source": None, "scale": None, "path": ((0.0, 0.0, 1.0),), "steps": None,
+                     "contact": "facets"},
         "steps": {"count": 400, "duration": None, "dynamic": False, "velocity": None}}
     bare = scene()
     assert bare.support == () and bare.load == () and bare.obstacle is None
@@ -107,7 +110,7 @@ def test_units_of_what_has_two_signs_and_bounds_that_nobody_reaches(table, key, 
 
 
 @pytest.mark.parametrize("table, key, known", [
-    ("body", "shape", ["beam", "plate", "channel", "file"]), ("body", "cell", ["prism", "tetrahedron", "hexahedron", "triangle",
+    ("body", "shape", ["beam", "plate", "channel", "panel", "file"]), ("body", "cell", ["prism", "tetrahedron", "hexahedron", "triangle",
                                                                                "quadrilateral"]),
     ("body", "element", ["standard", "mean-dilatation", "reduced"]),
     ("material", "law", ["neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"]),
@@ -288,7 +291,7 @@ def test_files(tmp_path):
                                                              "thickness"),
     ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, steps, contact"),
     ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, steps, contact"),
-    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, path, steps, contact"),
+    ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, angle, axis, path, steps, contact"),
     ("steps", {"number": 1}, "count, duration, dynamic, velocity")])
 def test_an_unknown_key_lists_those_that_its_shape_takes(name, table, takes):
     whole = {"body": {"length": 1.0, "width": 1.0, "height": 1.0, "cells": [1, 1, 1]}, "material": {"young_modulus": 1, "poisson_ratio": 0}}

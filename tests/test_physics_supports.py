@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physics.body.schedule import Moves
-from physics.body.supports import held, nodal_areas, rigid_motions_left, traction_load
+from physics.body.supports import held, loose, nodal_areas, rigid_motions_left, traction_load
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.scene import Body, Load, Support
@@ -132,3 +132,33 @@ def test_tractions_are_spread_over_the_face_named_and_added_up(cell):
     area = np.where(back, np.where(ends, 0.0025, 0.005), 0.0)
     assert force[:, 0] == pytest.approx(100 * area) and force[:, 2] == pytest.approx(1000 * area)
     assert not traction_load(scene(load=load[1:2]), mesh).any()  # a body's weight is no traction
+
+
+def test_nodal_areas_of_a_sides_segments_are_half_their_lengths_times_the_thickness():
+    """Along the left side of a plane body: segments of 1 and 3 m, 0.5 m thick."""
+    points = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [2, 4, 0], [0, 4, 0]], float)
+    mesh = Mesh(points=points, cells=np.array([[0, 1, 2, 3], [3, 2, 4, 5]]), cell="quadrilateral",
+                places={"left": np.array([0, 3, 5])}, thickness=0.5)
+    assert nodal_areas(mesh, "left") == pytest.approx([0.25, 0, 0, 1.0, 0, 0.75])
+
+
+def test_two_turns_contradict_by_their_angles_and_two_rests_do_not_by_their_tables():
+    """On the edge that two faces share: turned by 10 and by 20 degrees; held still, once with a table that says so."""
+    turn = {"where": "x-min", "axis": [1, 0, 0], "angle": 10.0, "centre": [0, 0.01, 0.01]}
+    mesh = build_mesh(beam().body)
+    with pytest.raises(InputError, match=r"support\[1\]: gives the x displacement.*another support gives another"):
+        Moves(beam(support=[turn, turn | {"where": "z-min", "angle": 20.0}]), mesh)
+    Moves(beam(support=[turn, turn | {"where": "x-min z-min"}]), mesh)
+    Moves(beam(support=[{"where": "x-min"}, {"where": "z-min", "steps": [0.0, 1.0], "factor": [0.0, 3.0]}]), mesh)
+
+
+@pytest.mark.parametrize("common, left", [([0], 3), ([0, 1], 1), ([0, 1, 2], 0)])
+def test_a_cell_that_hangs_on_a_held_one_by_a_point_an_edge_or_a_face(common, left):
+    """It turns about the point in three ways, about the edge in one, about a face not at all."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, -1, -1], [0.5, -1, -1], [2, -1, -3]], float)
+    other = [*common, *range(4, 8 - len(common))]
+    used = np.unique([0, 1, 2, 3, *other])
+    mesh = Mesh(points=points[used], cells=np.searchsorted(used, [[0, 1, 2, 3], other]), cell="tetrahedron", places={})
+    fixed = np.repeat((used < 4)[:, None], 3, axis=1)
+    said = loose(mesh, fixed)
+    assert said.startswith(f"{left} motion{'s' if left > 1 else ''} left free: parts of the mesh hang together") if left else said == ""

@@ -101,6 +101,7 @@ def test_edges_are_those_of_the_facets_each_once_and_the_outline_is_the_box():
     # 62 faces of boxes: 2 (5*2 + 5*3 + 2*3), each edge between two of them
     assert len(edges) == 62 * 4 / 2 == len(np.unique(edges, axis=0)) and (edges[:, 0] < edges[:, 1]).all()
     points = array(content["points"], "<f4", 3).astype(float)
+    assert ((abs(np.diff(points[edges], axis=1)[:, 0]) > 1e-6).sum(axis=1) == 1).all()  # along the box's sides, none a diagonal
     rim = points[array(content["outline"], "<u4", 2)]
     assert np.linalg.norm(rim[:, 0] - rim[:, 1], axis=1).sum() == pytest.approx(4 * (0.1 + 0.02 + 0.03), rel=1e-6)
     assert feature_edges(BOX).max() > len(points) - 10  # those are numbers of all nodes

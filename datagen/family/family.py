@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 
 from datagen.family.place import placed
-from physics.scene import read_any
+from physics.scene import beside, read_any
 from physics.schema import InputError, nearest, quantity, read_table, read_toml
 
 LARGEST_SPLIT = 1_000_000  # indices of the next split begin there, so that each can grow by itself
@@ -122,9 +122,7 @@ def draw(family: Family, seed: int, index: int, attempt: int = 0) -> Any:
         InputError: a range is wrong, or the scene is
     """
     table = drawn(family, seed, index, attempt)
-    body = table.get("body")
-    if isinstance(body, dict) and isinstance(body.get("path"), str):
-        body["path"] = str(family.folder / body["path"])
+    beside(table, family.folder)
     if isinstance(obstacles := table.get("obstacle"), list):
         table["obstacle"] = [_placed(table, obstacle) for obstacle in obstacles]
     elif obstacles is not None:

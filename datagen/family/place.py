@@ -7,8 +7,9 @@ sides. Its centre moves on a straight line: from `gap` before that touch to `dep
     c(s) = touch + r n + s (-n + tan a1 t1 + tan a2 t2),   s from -gap to depth,
 
 with r the reach of the obstacle towards the face and the tilts (a1, a2) of the push. An axis lies in the face, turned by
-`turn` from t2 (on z-max: from y) towards t1. A half-space faces the body. The faces of a body from a mesh file are those of the box
-around it, and length, width and height are its sides.
+`turn` from t2 (on z-max: from y) towards t1; a box and a mesh are turned by it about x, y or z, whichever is normal to the face. Of a
+mesh the point given is where its origin comes, and what touches is where it reaches furthest. A half-space faces the body. The faces of
+a body from a mesh file are those of the box around it, and length, width and height are its sides.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from physics.contact.obstacles import Rigid
 from physics.mesh.build import build_mesh
@@ -40,7 +43,7 @@ class Place:
     depth: float = quantity(unit="m", above=0)  # of the last step, behind first touch
     depth_in: str = quantity("m", choice=("m", *EXTENTS))  # a depth of 0.2 in "length" is a fifth of the body's length
     direction: tuple[float, float] = quantity((0.0, 0.0), unit="degrees", at_least=-75, at_most=75)  # a1, a2
-    turn: float | None = quantity(None, unit="degrees", at_least=-90, at_most=90)  # of the axis in the face
+    turn: float | None = quantity(None, unit="degrees", at_least=-90, at_most=90)  # of the axis, or the box, in the face
 
 
 def placed(table: dict[str, Any]) -> dict[str, Any]:
@@ -74,10 +77,13 @@ def _turned(obstacle: dict[str, Any]) -> tuple[dict[str, Any], Place]:
     normal = PLACES.index(place.face) // 2
     first, second = (k for k in range(3) if k != normal)
     if place.turn is not None:
-        if "axis" in obstacle:
-            raise InputError("obstacle: give either axis or place.turn")
+        if "axis" in obstacle or "angle" in obstacle:
+            raise InputError(f"obstacle: give either {'axis' if 'axis' in obstacle else 'angle'} or place.turn")
         axis, angle = [0.0, 0.0, 0.0], math.radians(place.turn)
-        axis[first], axis[second] = math.sin(angle), math.cos(angle)
+        if obstacle.get("shape") in ("box", "mesh"):
+            axis[normal], obstacle["angle"] = 1.0, place.turn
+        else:
+            axis[first], axis[second] = math.sin(angle), math.cos(angle)
         obstacle["axis"] = axis
     if obstacle.get("shape") == "half-space" and "normal" not in obstacle:
         obstacle["normal"] = [0.0, 0.0, 0.0]
@@ -103,6 +109,8 @@ def _path(place: Place, body: Body, obstacle: Obstacle) -> list[list[float]]:
 
 def _box(body: Body) -> tuple[Vector, Vector]:
     """The corner of the box around a body where all coordinates are smallest, and its sides [m]."""
+    if body.outline is not None:
+        return (min(x for x, _ in body.outline), min(y for _, y in body.outline), 0.0), body.extent
     if body.shape != "file":
         return (0.0, 0.0, 0.0), body.extent
     assert body.path is not None
@@ -120,7 +128,8 @@ def _box_of_file(body: Body, changed: int) -> tuple[Vector, Vector]:
 
 def reach(obstacle: Obstacle, normal: int, face: str) -> float:
     """How far an obstacle's surface lies from its centre towards a face, along a coordinate axis [m]."""
-    found = Rigid(obstacle).shape.reach(normal)
+    direction = np.eye(3)[normal] * (1.0 if face.endswith("min") else -1.0)
+    found = Rigid(obstacle).shape.reach(direction)
     if not math.isfinite(found):
         raise InputError(f"obstacle.axis = {list(obstacle.axis)}: must be parallel to obstacle.place's face {face}")
     return found

@@ -20,7 +20,7 @@ import tomli_w
 
 from datagen.family.family import RANGES, Family, Splits, draw, drawn, points
 from datagen.family.place import placed_on
-from physics.scene import Scene
+from physics.scene import Scene, beside
 from physics.scene.change import change, toml_value
 from physics.schema import InputError, read_toml
 
@@ -41,7 +41,7 @@ class Variation:
     def scene(self, seed: int, index: int) -> tuple[Scene, tuple[float | str, ...]]:
         """What `draw` gives, with the body read once for all, and the value of each key. Raises `InputError`."""
         try:
-            table = drawn(self.family, seed, index)
+            table = beside(drawn(self.family, seed, index), self.family.folder)
             scene = replace(self.first, obstacle=placed_on(self.first.body, table["obstacle"]))
         except InputError as error:
             raise InputError(f"number {index}: {error}") from None

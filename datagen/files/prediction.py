@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from datagen.files.places import remarks_on_file
 from datagen.files.solved import as_solved, solved_on
 from datagen.files.trajectory import Trajectory, holds_positions, read_sound, read_trajectory
-from physics.fidelity.figures import FIGURES, gathered, shown, verdict
+from physics.fidelity.figures import FIGURES, Column, field_columns, gathered, of_field, shown, verdict
 from physics.fidelity.verify import as_table, verify
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
@@ -44,6 +44,8 @@ def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
 def read_reference(path: str | Path) -> tuple[Trajectory, Scene | None, Mesh]:
     """The same, with None for the scene of a trajectory that holds none, such as an imported one: errors can be told, no more."""
     trajectory = read_sound(path)
+    if trajectory.flows:
+        raise InputError(f"{path}: a flow, and this is for solids")
     if len(trajectory.displacement) < 2:
         raise InputError(f"{path}: a single frame, so there is no step to predict")
     if not trajectory.free[trajectory.body].any():
@@ -62,8 +64,8 @@ def read_reference(path: str | Path) -> tuple[Trajectory, Scene | None, Mesh]:
     return trajectory, as_solved(scene, trajectory, len(trajectory.displacement) - 1), mesh
 
 
-def read_prediction(path: str | Path, truth: Trajectory, reference: str | Path) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """(T, N, 3) the displacements of the body in a prediction's file, which stand for those of a truth, and the file's `extra`.
+def read_prediction(path: str | Path, truth: Trajectory, reference: str | Path) -> tuple[NDArray[np.float64], Trajectory]:
+    """(T, N, 3) the displacements of the body in a prediction's file, which stand for those of a truth, and all that the file holds.
 
     Raises:
         InputError: it is damaged, not finite, of another mesh or number of frames, in millimetres, or holds positions
@@ -77,7 +79,19 @@ def read_prediction(path: str | Path, truth: Trajectory, reference: str | Path) 
     u = made.displacement[:, truth.body].astype(np.float64)
     if doubt := mistaken(u, truth.displacement[:, truth.body], truth.points[truth.body]):
         raise InputError(f"{path}: {doubt}")
-    return u, made.extra
+    return u, made
+
+
+def field_errors(fields: dict[str, NDArray[Any]], truth: Trajectory) -> dict[str, float]:
+    """Root mean square errors of the further fields (T or 1, N, k) that a prediction and a truth have in common, by their keys, over all
+    frames but the first, all numbers, and the nodes of the body."""
+    found = {}
+    for name, values in fields.items():
+        true = truth.fields.get(name)
+        if true is not None and values.shape[1:] == true.shape[1:]:
+            error: NDArray[np.float64] = (np.broadcast_to(values, true.shape)[1:] - true[1:].astype(np.float64))[:, truth.body]
+            found[of_field(name)] = float(np.sqrt((error**2).mean()))
+    return found
 
 
 def mistaken(u: NDArray[Any], truth: NDArray[Any], points: NDArray[Any]) -> str:
@@ -104,30 +118,31 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
 
     Returns:
         the figures of `physics.fidelity.verify.Fidelity` in SI units, of several files their means, of extremes the extreme;
-        "nothing_moves": those of a body that stays at rest; "units", "verdict" in words, "remarks" on mesh files, and
-        for folders "files": the figures of each
+        "nothing_moves": those of a body that stays at rest, its further fields as in frame 0; "units",
+        "verdict" in words, "remarks" on mesh files, and for folders "files": the figures of each
 
     Where the reference has no scene, those of the equations are not numbers.
 
     Raises:
         InputError: a file is damaged or not finite, or they are not of the same mesh and steps
     """
-    pairs = _pairs(Path(prediction), Path(reference))
+    pairs = together(Path(prediction), Path(reference))
     several, each, still, worst = Path(prediction).is_dir(), {}, [], None
     remarks: dict[str, None] = {}
     for name, file, truth_file in pairs:
         truth, scene, mesh = read_reference(truth_file)
-        (u, _), body = read_prediction(file, truth, truth_file), truth.body
+        (u, made), body = read_prediction(file, truth, truth_file), truth.body
         v, free = truth.displacement[:, body], truth.free[body]
         remarks |= dict.fromkeys(remarks_on_file(truth.extra))
-        found = as_table(verify(u, v, scene=scene, mesh=mesh, free=free))
-        still.append(as_table(verify(np.where(free[:, None], 0, v), v, scene=scene, mesh=mesh, free=free)))
+        found = as_table(verify(u, v, scene=scene, mesh=mesh, free=free)) | field_errors(made.fields, truth)
+        first = field_errors({field: truth.fields[field][:1] for field in made.fields if field in truth.fields}, truth)
+        still.append(as_table(verify(np.where(free[:, None], 0, v), v, scene=scene, mesh=mesh, free=free)) | first)
         each[name] = found
         if worst is None or found["rmsd_all"] > worst[0]:
             worst = found["rmsd_all"], mesh, u, v, found["worst_step"], truth.obstacle
     figures = _gathered(list(each.values())) if several else next(iter(each.values()))
     idle = _gathered(still)
-    result = {**figures, "nothing_moves": idle, "units": {name: column.si for name, column in FIGURES.items()},
+    result = {**figures, "nothing_moves": idle, "units": {name: column.si for name, column in _figures(figures).items()},
               "verdict": verdict(figures, idle), "remarks": list(remarks)} | ({"files": each} if several else {})
     if out is not None:
         from physics.view import ObstacleSurface, frame_picture
@@ -144,7 +159,7 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
 def lines(result: dict[str, Any]) -> list[str]:
     """What `verify_files` found, for a terminal: each figure in the unit of the reports beside that of a body at rest, and the verdict."""
     said = [f"{'':24s} {'prediction':>12s} {'nothing moves':>14s}"]
-    for name, column in FIGURES.items():
+    for name, column in _figures(result).items():
         head = f"{column.head} [{column.unit}]" if column.unit else column.head
         values = [shown(column.factor * result[of][name] if of else column.factor * result[name]) for of in ("", "nothing_moves")]
         said.append(f"{head:24s} {values[0]:>12s} {values[1]:>14s}")
@@ -155,11 +170,15 @@ def lines(result: dict[str, Any]) -> list[str]:
     return [*said, result["verdict"], *(f"remark: {text}" for text in result["remarks"])]
 
 
+def _figures(found: dict[str, Any]) -> dict[str, Column]:
+    return FIGURES | field_columns(found)
+
+
 def _gathered(each: list[dict[str, Any]]) -> dict[str, float]:
     return gathered([{key: value for key, value in figures.items() if key != "worst_step"} for figures in each])
 
 
-def _pairs(prediction: Path, reference: Path) -> list[tuple[str, Path, Path]]:
+def together(prediction: Path, reference: Path) -> list[tuple[str, Path, Path]]:
     """Name, prediction and truth of what belongs together. Raises `InputError`."""
     if not (prediction.is_dir() or reference.is_dir()):
         return [(prediction.stem, prediction, reference)]

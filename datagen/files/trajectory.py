@@ -93,6 +93,11 @@ class Trajectory:
         return self.node_kind != OBSTACLE
 
     @property
+    def flows(self) -> bool:
+        """Whether this is a flow: a velocity on a mesh at rest."""
+        return "velocity" in self.fields and not self.displacement.any()
+
+    @property
     def free(self) -> NDArray[np.bool_]:
         """(N,) True on the nodes that the simulation moves: neither obstacle nor held."""
         return self.node_kind == NORMAL

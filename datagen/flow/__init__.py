@@ -3,5 +3,6 @@
     trajectory   the file of one
     check        one held against its scene
     figures      one in numbers
+    prediction   a prediction held against one
     verb         what simulate does with one
 """

@@ -41,12 +41,12 @@ def against_flow(trajectory: Trajectory, scene: FlowScene, *, steps: int = 5) ->
         return ["the mesh is not that of its scene"]
     velocity = trajectory.fields["velocity"][..., :2].astype(np.float64)
     fastest = max(float(abs(velocity).max()), 1e-12)
-    off = max(4 * HALF_ULP * fastest, _tolerance(trajectory, "velocity"))
+    off = max(4 * HALF_ULP * fastest, tolerance_of(trajectory, "velocity"))
     return (_boundary(velocity, scene, space, where.halved, off) or _leaks(velocity, scene, space, where.halved, steps, fastest)
             or _anew(trajectory, scene, steps))
 
 
-def _tolerance(trajectory: Trajectory, name: str) -> float:
+def tolerance_of(trajectory: Trajectory, name: str) -> float:
     """What packing may have changed of a field."""
     found = trajectory.extra.get("field_tolerance", {})
     return float(found.get(name, 0.0)) if isinstance(found, dict) else 0.0
@@ -94,7 +94,7 @@ def _anew(trajectory: Trajectory, scene: FlowScene, steps: int) -> list[str]:
         found = solve_flow(replace(scene, steps=short))
     for name, again in (("velocity", found.velocity), ("pressure", found.pressure)):
         there = trajectory.fields[name][:len(again)]
-        miss, allowed = float(abs(there - again).max()), ANEW * float(abs(again).max()) + _tolerance(trajectory, name)
+        miss, allowed = float(abs(there - again).max()), ANEW * float(abs(again).max()) + tolerance_of(trajectory, name)
         if miss > allowed:
             return [f"the {name} of the first frames, computed anew, differs by {miss:.2g}, where {allowed:.2g} is allowed"]
     for name, figures in found.per_frame.items():

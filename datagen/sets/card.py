@@ -26,15 +26,18 @@ from datagen.files.trajectory import read_trajectory
 from datagen.sets import dataset
 from datagen.sets.plan import spread
 from datagen.sets.statistics import rows_of, statistics
-from physics.scene import Scene
+from physics.scene import FlowScene, Scene
 from physics.schema import Bound
 from physics.whole import write_whole
 
 LICENSE = "mit"
-HISTOGRAMS = ("nodes", "graph_diameter", "displacement_largest", "reaction_largest", "ms_per_step")
+HISTOGRAMS = ("nodes", "graph_diameter", "displacement_largest", "reaction_largest", "reynolds_number", "velocity_largest", "ms_per_step")
 UNITS = {"xy_extent": "m²", "displacement_rms": "m", "displacement_largest": "m", "change_rms": "m", "change_of_change_rms": "m",
          "storage_noise": "m", "solver_noise": "m", "energy_largest": "J", "penetration_largest": "m", "reaction_largest": "N",
          "seconds": "s", "ms_per_step": "ms", "megabytes": "MB", "mesh_rmse": "m", "mesh_largest": "m", "solver_largest": "m"}
+OF_FLOWS = {"storage_noise": "m/s", "velocity_rms": "m/s", "velocity_change_rms": "m/s", "velocity_largest": "m/s", "pressure_rms": "Pa",
+            "drag_largest": "N/m", "lift_largest": "N/m", "pressure_difference_largest": "Pa", "kinetic_energy_largest": "J/m",
+            "divergence_largest": "1/s", "step_size_largest": "s"}
 
 
 def write_card(folder: str | Path, *, refined: int = 10) -> Path:
@@ -49,26 +52,46 @@ def write_card(folder: str | Path, *, refined: int = 10) -> Path:
     """
     folder = Path(folder)
     manifest, rows = dataset.read_manifest(folder), rows_of(folder)
-    found = statistics(folder, rows, refined=refined)
+    flows = read_trajectory(folder / manifest.trajectories[0].file).flows
+    found = statistics(folder, rows, refined=0 if flows else refined)
     table = io.StringIO()
     writer = csv.DictWriter(table, list(dict.fromkeys(name for row in rows for name in row)))
     writer.writeheader()
     writer.writerows(rows)
     write_whole(folder / "trajectories.csv", table.getvalue().encode())
-    write_whole(folder / "README.md", "\n".join([*_header(manifest, found), *_body(folder, manifest, found, rows), ""]).encode())
+    said = [*_header(manifest, found, flows=flows), *_body(folder, manifest, found, rows), ""]
+    write_whole(folder / "README.md", "\n".join(said).encode())
     return folder / "README.md"
+
+
+KINDS_OF_SOLIDS = "NORMAL 0, OBSTACLE 1, HANDLE 3. The obstacle's surface is part of every mesh."
+KINDS_OF_FLOWS = """NORMAL 0, INFLOW 4, OUTFLOW 5, WALL 6, the cylinder
+and the corners being walls. Beside velocity [m/s] and pressure [Pa] at the nodes, FieldData has drag and lift [N/m],
+the difference of pressure [Pa] and the kinetic energy [J/m] of each frame, and `extra` has density, viscosity, inflow, the
+cylinder's centre and radius, and the Reynolds number with its definition."""
+VALUES_OF_SOLIDS = """Displacements are
+of free nodes, as lengths of vectors; a change is that from one step to the next."""
+VALUES_OF_FLOWS = """Velocities are
+those inside and at the outflow, as lengths of vectors; a change is that from one step to the next, once the fluid moves.
+A wake counts as shedding when the lift coefficient varies by more than 0.02 in the last third."""
+NOISE_OF_SOLIDS = """Storage and solver: for every trajectory, from the precision of the file and
+from the largest residual force (|R| over the reaction, times the root mean square displacement); trajectories.csv has both
+for each file."""
+NOISE_OF_FLOWS = """Storage: for every trajectory, of the velocity, from the precision
+of the file. The error of the mesh is not measured here; `unresolved` is the share of the velocity that only its highest
+order holds, 0.03 being fair, past the start."""
 
 
 def _name(manifest: dataset.Manifest) -> str:
     return str(tomllib.loads(manifest.family).get("name", "scenes"))
 
 
-def _header(manifest: dataset.Manifest, found: dict[str, Any]) -> list[str]:
+def _header(manifest: dataset.Manifest, found: dict[str, Any], *, flows: bool = False) -> list[str]:
     """The YAML header; strings are written as JSON, which YAML contains."""
     number = found["count"]
     size = "n<1K" if number < 1000 else "1K<n<10K" if number < 10_000 else "10K<n<100K"
     said = ["---", f"pretty_name: {json.dumps(_name(manifest))}", f"license: {LICENSE}",
-            "tags: [mesh, finite-elements, contact, simulation]", f"size_categories: [{json.dumps(size)}]",
+            f"tags: [mesh, finite-elements, {'fluid' if flows else 'contact'}, simulation]", f"size_categories: [{json.dumps(size)}]",
             f"trajectories: {number}", "splits:"]
     said += [f"  {split}: {count}" for split, count in found["split"].items()]
     for key in ("nodes", "graph_diameter", "steps", "xy_extent"):
@@ -85,16 +108,17 @@ def _body(folder: Path, manifest: dataset.Manifest, found: dict[str, Any], rows:
     yield f"{' '.join(comment)} {found['count']} trajectories of {found['steps']['mean']:.0f} steps ({splits}),"
     yield f"{found['gigabytes']:.3g} GB, made by Fidelity (commit {first.commit or 'unknown'}) on {date.today().isoformat()}.\n"
     yield "Each file is VTKHDF: ParaView opens it with a time slider, h5py reads it as arrays. The layout stands in"
-    yield "`datagen/files/trajectory.py`; node kinds are NORMAL 0, OBSTACLE 1, HANDLE 3. The obstacle's surface is part of every mesh.\n"
+    yield "`datagen/files/trajectory.py`; node kinds are " + (KINDS_OF_FLOWS if first.flows else KINDS_OF_SOLIDS) + "\n"
     yield "## Ranges\n"
     yield "| key | values | unit |\n|---|---|---|"
-    units = _units(Scene)
+    units = _units(FlowScene if first.flows else Scene)
     for key, value in _leaves({name: value for name, value in family.items() if name not in ("splits", "name")}):
         yield f"| {key} | {value} | {units.get(key.split('.')[-1].split('[')[0], '')} |"
-    yield "\nA depth is measured in the unit that `depth_in` names; tables under `case` are drawn together.\n"
-    yield "## Statistics\n"
-    yield "Graph diameter: of the graph of the body's mesh edges. Standard deviations are those of the set itself. Displacements are"
-    yield "of free nodes, as lengths of vectors; a change is that from one step to the next.\n"
+    if not first.flows:
+        yield "\nA depth is measured in the unit that `depth_in` names; tables under `case` are drawn together."
+    yield "\n## Statistics\n"
+    yield "Graph diameter: of the graph of the body's mesh edges. Standard deviations are those of the set itself. " + (
+        VALUES_OF_FLOWS if first.flows else VALUES_OF_SOLIDS) + "\n"
     yield from _table(found)
     yield from _words(found)
     yield "\n## Histograms\n\n```"
@@ -102,10 +126,9 @@ def _body(folder: Path, manifest: dataset.Manifest, found: dict[str, Any], rows:
         if name in found:
             yield from _histogram(name, np.array([row[name] for row in rows]))
     yield "```\n\n## What the numbers are good for\n"
-    yield "Errors below these say nothing about a model. Storage and solver: for every trajectory, from the precision of the file and"
-    yield "from the largest residual force (|R| over the reaction, times the root mean square displacement); trajectories.csv has both"
-    yield "for each file.\n"
-    yield from _table({name: found[name] for name in ("storage_noise", "solver_noise", "change_rms") if name in found})
+    yield "Errors below these say nothing about a model. " + (NOISE_OF_FLOWS if first.flows else NOISE_OF_SOLIDS) + "\n"
+    noise = ("storage_noise", "solver_noise", "change_rms", "velocity_change_rms")
+    yield from _table({name: found[name] for name in noise if name in found})
     if "refined" in found:
         sample = found["refined"]
         yield f"\nThe mesh, against the same scene on cells of half the size, for a sample of {sample['count']}; `solver_largest`: the"
@@ -114,7 +137,9 @@ def _body(folder: Path, manifest: dataset.Manifest, found: dict[str, Any], rows:
         yield from (f"\nNot solved on the finer cells: {reason}" for reason in sample["failures"])
     yield "\n## Cost\n"
     yield f"{found['solver_hours']:.3g} hours of the solver, {found['ms_per_step']['mean']:.3g} ms a step on average; card written on"
-    yield f"{machine()}. The solver of the original DeformingBeam was published with 3261 ms a step, on another machine."
+    yield f"{machine()}. The solver of the original " + (
+        "CylinderFlow was published with 820 ms a step" if first.flows else "DeformingBeam was published with 3261 ms a step"
+    ) + ", on another machine."
     number = found["failed_attempts"]
     failed = f"{number} scene{'s' * (number != 1)} had no solution, replaced by other draws:\n"
     yield f"\n{failed if found['reasons'] else 'No scene failed.'}"
@@ -161,14 +186,15 @@ def _units(kind: type) -> dict[str, str]:
 
 def _table(found: dict[str, Any]) -> Iterator[str]:
     yield "| | mean | std | min | max | unit |\n|---|---|---|---|---|---|"
+    units = UNITS | (OF_FLOWS if "velocity_rms" in found or "velocity_change_rms" in found else {})
     for name, value in found.items():
         if isinstance(value, dict) and "mean" in value:
             numbers = " | ".join(f"{value[key]:.4g}" for key in ("mean", "std", "min", "max"))
-            yield f"| {name.replace('_', ' ')} | {numbers} | {UNITS.get(name, '')} |"
+            yield f"| {name.replace('_', ' ')} | {numbers} | {units.get(name, '')} |"
 
 
 def _words(found: dict[str, Any]) -> Iterator[str]:
-    for name in ("obstacle", "support"):
+    for name in ("obstacle", "support", "wake"):
         if name in found:
             yield f"\n{name}: " + ", ".join(f"{key} {number}" for key, number in found[name].items())
 
@@ -176,7 +202,7 @@ def _words(found: dict[str, Any]) -> Iterator[str]:
 def _histogram(name: str, values: np.ndarray[Any, Any], bins: int = 12, width: int = 50) -> Iterator[str]:
     """A histogram in characters."""
     counts, edges = np.histogram(values, bins)
-    yield f"{name.replace('_', ' ')} [{UNITS.get(name, '-')}], mean {spread(values)['mean']:.4g}"
+    yield f"{name.replace('_', ' ')} [{(UNITS | OF_FLOWS).get(name, '-')}], mean {spread(values)['mean']:.4g}"
     for count, low, high in zip(counts, edges[:-1], edges[1:], strict=True):
         yield f"{low:10.4g} .. {high:<10.4g} {'#' * round(width * count / counts.max())} {count}"
     yield ""

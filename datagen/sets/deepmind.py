@@ -11,12 +11,15 @@ The width of mesh_pos tells what four nodes of a cell are: in a plane a quadrila
 two components, its own plane, and a world_pos of three.
 
 Reading, nodes of the obstacle are moved to the end and its cells replaced by their outer triangles, which is how our files
-have them; mesh_pos becomes Points, world_pos the displacement, and other dynamic fields stay what they are. Such files have
-no scene, so their physics cannot be checked.
+have them; mesh_pos becomes Points, world_pos the displacement, and other dynamic fields stay what they are, but for a velocity in the
+plane, which gets a third component of zero. Such files have no scene, so their physics cannot be checked.
 
 Writing, prisms are cut into three tetrahedra each, because readers of DeformingPlate take four nodes of a cell for granted
 (cells "own" keeps them); the obstacle's triangles go to a field of their own, obstacle_cells (1, F, 3). Positions are in
-single precision there: of a body of 0.3 m, to 1.5e-8 m. We have no stress to write.
+single precision there: of a body of 0.3 m, to 1.5e-8 m. Their stress is von Mises'; where our files have it (files/fields.py) it is written
+under that name, and the tensor as cauchy_stress (T, N, 6). A body in a plane that moves has a mesh_pos of two components, too, as a cloth.
+Of a flow the first frame, in which the fluid is at rest, is left out, so 600 steps are 600 rows, as theirs are; dt is the time between two
+of them [s].
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +37,7 @@ from numpy.typing import NDArray
 from datagen.family.family import LARGEST_SPLIT, SPLITS
 from datagen.files.tfrecord import parse_example, read_records, write_example, write_records
 from datagen.files.trajectory import KINDS, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
+from datagen.flow.figures import resting
 from datagen.sets import dataset
 from datagen.sets.workers import progress
 from physics.mesh.cell import CELLS, OF_VTK
@@ -66,6 +71,8 @@ def import_records(folder: str | Path, out: str | Path, *, count: int | None = N
     found = [split for split in SPLITS if (folder / f"{split}.tfrecord").exists()]
     if not found:
         raise InputError(f"{folder}: no train.tfrecord, valid.tfrecord or test.tfrecord")
+    dt = meta.get("dt")
+    span = float(dt) if isinstance(dt, int | float) and 0 < dt < 1e9 else None
     with folder_whole(out) as part:
         for split in found:
             path = folder / f"{split}.tfrecord"
@@ -77,6 +84,8 @@ def import_records(folder: str | Path, out: str | Path, *, count: int | None = N
                                              source=f"{path.name}, record {number}")
                 except InputError as error:
                     raise InputError(f"{path}, record {number}: {error}") from None
+                if trajectory.flows and span is not None:
+                    trajectory = replace(trajectory, extra={**trajectory.extra, "step_seconds": span})
                 file = dataset.file_name(split, number)
                 write_trajectory(part / file, trajectory)
                 entries.append(dataset.entry_of(file, trajectory))
@@ -103,8 +112,10 @@ def export_records(folder: str | Path, out: str | Path, *, cells: str = "tetrahe
 
     def records(split: str) -> Iterator[bytes]:
         for entry in progress([entry for entry in entries if entry.split == split], f"writing {split}"):
-            fields = to_fields(read_trajectory(folder / entry.file), cells=cells)
-            meta = {name: _feature(name, field) for name, field in fields.items()}
+            trajectory = read_trajectory(folder / entry.file)
+            fields = to_fields(trajectory, cells=cells)
+            meta: dict[str, Any] = {name: _feature(name, field) for name, field in fields.items()}
+            meta["dt"] = trajectory.extra.get("step_seconds", 1.0) if trajectory.flows else 1.0
             if layout.setdefault("features", meta) != meta:
                 raise InputError(f"{folder / entry.file}: its steps or cells differ from those of the files before; this format "
                                  "has one layout for all")
@@ -116,8 +127,9 @@ def export_records(folder: str | Path, out: str | Path, *, cells: str = "tetrahe
         written = {split: write_records(part / f"{split}.tfrecord", records(split)) for split in SPLITS
                    if any(entry.split == split for entry in entries)}
         features = layout["features"]
+        dt = features.pop("dt")
         length = max(feature["shape"][0] for feature in features.values())
-        meta = {"simulator": "fidelity", "dt": 1.0, "features": features, "field_names": list(features), "trajectory_length": length}
+        meta = {"simulator": "fidelity", "dt": dt, "features": features, "field_names": list(features), "trajectory_length": length}
         (part / "meta.json").write_text(json.dumps(meta, indent=1))
     return {"trajectories": sum(written.values()), "fields": list(features), **written}
 
@@ -155,11 +167,16 @@ def from_fields(fields: Fields, *, index: int = 0, source: str = "") -> Trajecto
         offsets=np.concatenate([[0], np.cumsum([OF_VTK[int(t)].nodes for t in types])]).astype(np.int64), types=types,
         node_kind=kind[order].astype(np.uint8), displacement=displacement[:, order].astype(np.float32),
         modes=np.zeros((0, nodes, 3), np.float32), index=index, extra={"imported": source},
-        fields={name: field[:, order].astype(np.float32) for name, field in fields.items()
+        fields={name: _in_space(name, field[:, order].astype(np.float32)) for name, field in fields.items()
                 if name not in OURS and len(field) == frames and field.shape[1] == nodes})
     for wrong in problems(made):
         raise InputError(wrong)
     return made
+
+
+def _in_space(name: str, field: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A velocity (T, N, 2) with a third component, as ours have it; other fields as they are."""
+    return np.pad(field, ((0, 0), (0, 0), (0, 1))) if name == "velocity" and field.shape[2] == 2 else field
 
 
 def _check_fields(fields: Fields) -> None:
@@ -217,16 +234,29 @@ def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
         body = tetrahedra(body)
     elif cells == "tetrahedra" and body.shape[1] == 8:
         raise InputError("hexahedra are not cut into tetrahedra here: ask for --cells own")
-    flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement.any()
+    flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement[0].any()
     found: Fields = {"cells": body[None].astype(np.int32)}
     surface = trajectory.obstacle
     if surface is not None:
         found["obstacle_cells"] = (surface[1] + int(trajectory.body.sum()))[None].astype(np.int32)
     found["mesh_pos"] = trajectory.points[None, :, :2 if flat else 3].astype(np.float32)
     found["node_type"] = trajectory.node_kind[None, :, None].astype(np.int32)
-    if not flat:
+    if not flat or trajectory.displacement.any():
         found["world_pos"] = (trajectory.points + trajectory.displacement).astype(np.float32)
-    return found | trajectory.fields
+    if not trajectory.flows:
+        return found | _further(trajectory.fields)
+    moving = slice(resting(trajectory), None)
+    return found | {name: field[moving, :, :2] if name == "velocity" and flat and not field[:, :, 2:].any() else field[moving]
+                    for name, field in trajectory.fields.items()}
+
+
+def _further(fields: Fields) -> Fields:
+    """Fields by their names there: the tensor of stress gives way to von Mises', which is what their stress is."""
+    if "von_mises" not in fields:
+        return fields
+    found = {"cauchy_stress" if name == "stress" else name: field for name, field in fields.items()}
+    found["stress"] = found.pop("von_mises")
+    return found
 
 
 def _feature(name: str, field: NDArray[Any]) -> dict[str, Any]:

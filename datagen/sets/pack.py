@@ -10,7 +10,8 @@ squares and rounded in turn. Rank and step are the coarsest that keep
 which is verified on the unpacked arrays before a trajectory is written. Where nothing coarser than single precision would
 do, displacements are kept as they are. Nodes that never move stay exactly at rest and obstacles that move as one body
 keep their exact path; modes are kept to 1e-6 of their largest entry, numbers of each frame in single precision, and all
-else exactly.
+else exactly. The velocity and the pressure of a flow are packed as displacements are, to a share of their largest value in
+the median frame: at an impulsive start the pressure is many times what it is later.
 
 The file is a ZIP archive: manifest.json (the set's manifest, with the tolerance) and for each trajectory a member
 split/0000, compressed by LZMA: the length of a JSON header (8 bytes, little-endian), the header, and the arrays that
@@ -23,6 +24,7 @@ import json
 import lzma
 import math
 import zipfile
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,28 +44,32 @@ Arrays = dict[str, NDArray[Any]]
 SCHEMA = 1
 MODE_STEP = 1e-6
 HEADER = ("frequencies_hz", "scene", "seed", "index", "versions", "commit", "complete", "extra")
+FLOW = ("velocity", "pressure")
 AS_IT_IS = ("points", "types", "node_kind")
 
 
-def pack(folder: str | Path, out: str | Path, *, tolerance: float = 1e-6) -> dict[str, Any]:
+def pack(folder: str | Path, out: str | Path, *, tolerance: float = 1e-6, share: float = 1e-3) -> dict[str, Any]:
     """Pack a data set.
 
     Args:
         tolerance: largest error of any node's displacement in any frame [m]
+        share: of flows the same of velocity and pressure, over their largest value in the median frame
 
     Returns:
-        the numbers of trajectories and bytes, how many times smaller that is, the largest error [m]
+        the numbers of trajectories and bytes, how many times smaller that is, the largest error [m], and of flows the largest share
 
     Raises:
-        InputError: the folder is no data set, or the tolerance no length
+        InputError: the folder is no data set, or the tolerance no length, or the share none
         RuntimeError: a file is not what the manifest says
         OSError: the file cannot be written
     """
     if not (math.isfinite(tolerance) and tolerance > 0):
         raise InputError(f"tolerance = {tolerance}: must be above 0 m")
+    if not 0 < share < 1:
+        raise InputError(f"share = {share}: must be above 0 and below 1")
     folder, out = Path(folder), Path(out)
     manifest = dataset.read_manifest(folder)
-    before, error = 0, 0.0
+    before, error, of_flows = 0, 0.0, 0.0
     with written_whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_LZMA) as archive:
         about = {"schema": SCHEMA, "tolerance": tolerance, "manifest": to_table(manifest)}
         archive.writestr("manifest.json", json.dumps(about))
@@ -71,12 +77,13 @@ def pack(folder: str | Path, out: str | Path, *, tolerance: float = 1e-6) -> dic
             trajectory = read_trajectory(folder / entry.file)
             if dataset.digest(trajectory) != entry.sha256:
                 raise RuntimeError(f"{folder / entry.file}: its checksum differs from the manifest's; make it anew before packing")
-            blob, off = encode(trajectory, tolerance)
+            blob, off = encode(trajectory, tolerance, share)
             archive.writestr(entry.file.removesuffix(".vtkhdf"), blob)
             before, error = before + (folder / entry.file).stat().st_size, max(error, off)
+            of_flows = max(of_flows, _share(decode(blob), trajectory) if trajectory.flows else 0.0)
     size = out.stat().st_size
     return {"trajectories": len(manifest.trajectories), "bytes": size, "ratio": before / size, "largest_error": error,
-            "tolerance": tolerance}
+            "tolerance": tolerance} | ({"largest_share": of_flows, "share": share} if of_flows else {})
 
 
 def unpack(file: str | Path, out: str | Path) -> dict[str, Any]:
@@ -120,7 +127,7 @@ def _inside(folder: Path, name: str) -> Path:
     return folder / name
 
 
-def encode(trajectory: Trajectory, tolerance: float) -> tuple[bytes, float]:
+def encode(trajectory: Trajectory, tolerance: float, share: float = 1e-3) -> tuple[bytes, float]:
     """A packed trajectory, verified, and the largest error of its displacements [m]."""
     moving, rigid = _moving(trajectory)
     arrays: Arrays = {name: getattr(trajectory, name) for name in AS_IT_IS}
@@ -128,30 +135,39 @@ def encode(trajectory: Trajectory, tolerance: float) -> tuple[bytes, float]:
     arrays["modes"] = np.round(trajectory.modes.astype(np.float64) / MODE_STEP).astype(np.int32)
     arrays |= {f"frame {name}": array.astype(np.float32 if array.dtype.kind == "f" else array.dtype)
                for name, array in trajectory.per_frame.items()}
-    arrays |= {f"field {name}": array for name, array in trajectory.fields.items()}
+    header = {name: getattr(trajectory, name) for name in HEADER}
+    header["extra"] = {**trajectory.extra, "tolerance": max(tolerance, trajectory.extra.get("tolerance", 0.0))}
+    header["frames"] = len(trajectory.displacement)
+    known = trajectory.extra.get("field_tolerance", {})
+    header["field_steps"], allowed = {}, dict(known)
+    for name, array in trajectory.fields.items():
+        there, limit = array.any(axis=(0, 2)), share * _scale(array)
+        found = _squeezed(array[:, there], limit) if name in FLOW and trajectory.flows and limit else None
+        if found is None:
+            arrays[f"field {name}"] = array
+        else:
+            arrays |= {f"there {name}": there, f"shapes {name}": found[0], f"shares {name}": found[1]}
+            header["field_steps"][name], allowed[name] = found[2:], max(limit, known.get(name, 0.0))
+    if allowed:
+        header["extra"]["field_tolerance"] = allowed
     if trajectory.segment is not None:
         arrays["segment"] = trajectory.segment
     for number, place in enumerate((trajectory.places or {}).values()):
         arrays |= {f"place {number} {kind}": array for kind, array in place.items()}
-    header = {name: getattr(trajectory, name) for name in HEADER}
-    header["extra"] = {**trajectory.extra, "tolerance": max(tolerance, trajectory.extra.get("tolerance", 0.0))}
-    header["frames"] = len(trajectory.displacement)
     if trajectory.places is not None:
         header["places"] = list(trajectory.places)
     if rigid:
         arrays["path"] = trajectory.displacement[:, trajectory.node_kind == OBSTACLE][:, 0]
     arrays["moving"] = moving
     motion = trajectory.displacement[:, moving]
-    for arrays["shapes"], arrays["shares"], header["step"], header["share_steps"] in _low_rank(motion, tolerance):
-        blob = _bytes(header, arrays)
-        error = _error(decode(blob).displacement, trajectory.displacement)
-        if error <= tolerance:
-            return blob, error
-    for name in ("shapes", "shares"):
-        arrays.pop(name, None)
-    blob = _bytes(header, {**arrays, "motion": motion})
+    found = _squeezed(motion, tolerance)
+    if found is None:
+        arrays["motion"] = motion
+    else:
+        arrays["shapes"], arrays["shares"], header["step"], header["share_steps"] = found
+    blob = _bytes(header, arrays)
     error = _error(decode(blob).displacement, trajectory.displacement)
-    assert error == 0
+    assert error <= (0.0 if found is None else tolerance)
     return blob, error
 
 
@@ -162,8 +178,12 @@ def decode(blob: bytes) -> Trajectory:
     displacement = np.zeros((frames, len(kinds), 3), np.float32)
     if "path" in arrays:
         displacement[:, kinds == OBSTACLE] = arrays["path"][:, None]
-    steps = header.pop("step", 0.0), np.array(header.pop("share_steps", []))
+    steps = header.pop("step", 0.0), header.pop("share_steps", [])
     displacement[:, moving] = arrays["motion"] if "motion" in arrays else _motion(arrays["shapes"], arrays["shares"], *steps)
+    for name, how in header.pop("field_steps", {}).items():
+        there, shapes = arrays[f"there {name}"], arrays[f"shapes {name}"]
+        arrays[f"field {name}"] = np.zeros((frames, len(kinds), shapes.shape[2]), np.float32)
+        arrays[f"field {name}"][:, there] = _motion(shapes, arrays[f"shares {name}"], *how)
     ends = np.cumsum([OF_VTK[int(kind)].nodes for kind in arrays["types"]])
     header["frequencies_hz"] = tuple(header["frequencies_hz"])
     names = header.pop("places", None)
@@ -189,13 +209,32 @@ def _moving(trajectory: Trajectory) -> tuple[NDArray[np.bool_], bool]:
     return moving & ~obstacle if rigid else moving, rigid
 
 
+def _scale(field: NDArray[np.float32]) -> float:
+    """The largest length of a field's vectors (T, N, k) in the median frame."""
+    return float(np.median(np.linalg.norm(field.astype(np.float64), axis=2).max(axis=1)))
+
+
+def _share(made: Trajectory, true: Trajectory) -> float:
+    """The largest error of the velocity and pressure of a flow, as a share of `_scale`."""
+    return max(_error(made.fields[name], true.fields[name]) / (_scale(true.fields[name]) or 1.0)
+               for name in FLOW if name in true.fields)
+
+
+def _squeezed(motion: NDArray[np.float32], tolerance: float) -> tuple[NDArray[np.int32], NDArray[np.int64], float, list[float]] | None:
+    """The coarsest shapes and shares of `_low_rank` that keep to a tolerance; None where there are none."""
+    return next((found for found in _low_rank(motion, tolerance) if _error(_motion(*found), motion) <= tolerance), None)
+
+
 def _low_rank(motion: NDArray[np.float32], tolerance: float) -> Any:
-    """Ever finer shapes (r, n, 3) and shares (T, r), as integers, with the step of each [m]; ends where it is no use."""
-    frames, nodes = motion.shape[:2]
-    x = motion.reshape(frames, 3 * nodes).astype(np.float64)
+    """Ever finer shapes (r, n, k) and shares (T, r), as integers, with the step of each; ends where it is no use."""
+    frames, nodes, width = motion.shape
+    x = motion.reshape(frames, width * nodes).astype(np.float64)
     left, size, right = np.linalg.svd(x, full_matrices=False)
-    rank = 0
-    while rank < len(size) and _error((left[:, :rank] * size[:rank]) @ right[:rank], x) > 0.5 * tolerance:
+    left_over = np.sqrt(np.cumsum(size[::-1] ** 2)[::-1] / max(1, frames * nodes))  # at each rank the root of the mean square
+    rank = int(np.searchsorted(-left_over, -0.5 * tolerance))  # and no smaller rank can do
+    rest = x - (left[:, :rank] * size[:rank]) @ right[:rank]
+    while rank < len(size) and _error(rest.reshape(motion.shape), np.float64(0)) > 0.5 * tolerance:
+        rest -= np.outer(left[:, rank] * size[rank], right[rank])
         rank += 1
     largest = abs(left[:, :rank]).max(axis=0, initial=0)  # every singular vector has an entry above 0
     shapes = right[:rank] * (size[:rank] * largest)[:, None]  # [m]
@@ -206,21 +245,22 @@ def _low_rank(motion: NDArray[np.float32], tolerance: float) -> Any:
         share_steps = [2.0 ** math.floor(math.log2(0.1 * step / max(1e-300, float(row.max())))) for row in abs(rounded * step)]
         whole = np.round(shares / np.array(share_steps).reshape(1, rank))
         if abs(whole).max(initial=0) < 2**31:
-            yield rounded.reshape(rank, nodes, 3).astype(np.int32), np.diff(whole, axis=0, prepend=0).astype(np.int64), step, share_steps
+            changes = np.diff(whole, axis=0, prepend=0).astype(np.int64)
+            yield rounded.reshape(rank, nodes, width).astype(np.int32), changes, step, share_steps
         step *= 0.85
 
 
-def _motion(shapes: NDArray[Any], shares: NDArray[Any], step: float, share_steps: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(T, n, 3) displacements of what `_low_rank` gives; frames at rest are exactly so."""
+def _motion(shapes: NDArray[Any], shares: NDArray[Any], step: float, share_steps: Sequence[float]) -> NDArray[np.float32]:
+    """(T, n, k) displacements of what `_low_rank` gives; frames at rest are exactly so."""
     shares = np.cumsum(shares, axis=0)
-    motion = (shares * share_steps) @ (shapes.reshape(len(shapes), math.prod(shapes.shape[1:])) * step)  # of rank 0 too
+    motion = (shares * np.array(share_steps)) @ (shapes.reshape(len(shapes), math.prod(shapes.shape[1:])) * step)  # of rank 0 too
     return motion.reshape(len(shares), *shapes.shape[1:]).astype(np.float32)
 
 
-def _error(packed: NDArray[Any], true: NDArray[Any]) -> float:
-    """Largest length of a node's error over all frames [m]."""
-    off = (packed.astype(np.float64) - true).reshape(-1, 3)
-    return float(np.sqrt((off * off).sum(axis=1).max(initial=0.0)))
+def _error(packed: NDArray[Any], true: NDArray[Any] | np.float64) -> float:
+    """Largest length of a node's error over all frames (T, n, k)."""
+    off = packed.astype(np.float64) - true
+    return float(np.sqrt(np.einsum("tnk,tnk->tn", off, off).max(initial=0.0)))
 
 
 def _bytes(header: dict[str, Any], arrays: Arrays) -> bytes:

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from datagen.files.solved import solved_on
 from datagen.files.trajectory import Trajectory, read_trajectory
+from datagen.flow.check import HALF_ULP, tolerance_of
 from datagen.flow.figures import flow_figures
 from datagen.sets import dataset
 from datagen.sets.check import precision
@@ -75,8 +76,10 @@ def statistics(folder: str | Path, rows: list[dict[str, Any]] | None = None, *, 
 def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
     """The numbers of one trajectory; lengths in metres, forces in newtons."""
     scene = scene_of(trajectory.scene) if trajectory.scene else None
-    if isinstance(scene, FlowScene):
+    if trajectory.flows and not isinstance(scene, Scene):
         return _of_flow(trajectory, scene)
+    if isinstance(scene, FlowScene):
+        raise InputError("a flow without a velocity")
     u, free, body = trajectory.displacement, trajectory.free, trajectory.body
     moving, mesh = u[:, free].astype(np.float64), trajectory.mesh
     change = np.diff(moving, axis=0)
@@ -107,13 +110,14 @@ def of_trajectory(trajectory: Trajectory) -> dict[str, Any]:
     return row | {"seconds": seconds, "ms_per_step": 1e3 * seconds / max(1, len(u) - 1)}
 
 
-def _of_flow(trajectory: Trajectory, scene: FlowScene) -> dict[str, Any]:
+def _of_flow(trajectory: Trajectory, scene: FlowScene | None) -> dict[str, Any]:
     """The numbers of one flow."""
     mesh, frames = trajectory.mesh, len(trajectory.displacement) - 1
     length, width = np.ptp(trajectory.points[:, :2], axis=0)
     seconds = float(trajectory.extra.get("seconds", 0.0))
     return {"nodes": len(trajectory.points), "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
             "steps": frames, "xy_extent": float(length * width), **flow_figures(trajectory, scene),
+            "storage_noise": _rms(np.maximum(HALF_ULP * abs(trajectory.fields["velocity"]), tolerance_of(trajectory, "velocity"))),
             **{f"{name}_largest": float(abs(value).max()) for name, value in trajectory.per_frame.items()},
             "seconds": seconds, "ms_per_step": 1e3 * seconds / max(1, frames)}
 
@@ -169,7 +173,7 @@ def _solved(scene: Scene, every: int, mesh: Mesh, times: int) -> tuple[NDArray[n
     """Displacements (F, N, 3) at the mesh's nodes of a scene in fewer steps, on one or two times the cells each way, and seconds."""
     scene = dataclasses.replace(scene, steps=Steps(count=scene.steps.count // every))
     release()
-    if scene.body.shape in ("file", "channel"):
+    if scene.body.shape in ("file", "channel", "panel"):
         of_file = mesh if times == 1 else halved(mesh)
         solution, number = solve(scene, mesh=of_file, partial=True), f"{len(of_file.cells)}"
     else:

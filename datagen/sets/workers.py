@@ -28,6 +28,7 @@ from physics.schema import InputError
 
 J = TypeVar("J")
 R = TypeVar("R")
+UNIT = " trajectories"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
@@ -36,14 +37,15 @@ def progress(items: Iterable[J], what: str) -> Iterable[J]:
     return tqdm(items, desc=what, leave=False, disable=None)
 
 
-def on_this_machine(function: Callable[[J], R], jobs: list[J], processes: int, *, kept: int = 0) -> Iterator[tuple[J, R]]:
-    """Each job with its result, as they come, by some processes; `kept` is how many were done before.
+def on_this_machine(function: Callable[[J], R], jobs: list[J], processes: int, *, kept: int = 0,
+                    unit: str = UNIT) -> Iterator[tuple[J, R]]:
+    """Each job with its result, as they come, by some processes; `kept` is how many were done before, `unit` what a bar counts.
 
     Raises:
         RuntimeError: a process was killed
         whatever the function raises
     """
-    with (_one_thread(), _bar(kept, len(jobs)) as bar,
+    with (_one_thread(), _bar(kept, len(jobs), unit) as bar,
           ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _die_with_parent) as pool):
         with _without_main():
             futures = {pool.submit(function, job): job for job in jobs}
@@ -59,7 +61,7 @@ def on_this_machine(function: Callable[[J], R], jobs: list[J], processes: int, *
 
 
 def on_cluster(function: Callable[[J], R], jobs: list[J], address: str, *, prepare: tuple[Callable[[Any], None], Any],
-               folder: Path, kept: int = 0, tls: Sequence[str] = ()) -> Iterator[tuple[J, R]]:
+               folder: Path, kept: int = 0, tls: Sequence[str] = (), unit: str = UNIT) -> Iterator[tuple[J, R]]:
     """Each job with its result, as they come, by the workers of a Dask scheduler.
 
     A scheduler at tcp:// runs what anybody who reaches it sends: that is for a trusted network. At tls:// both sides show
@@ -69,6 +71,7 @@ def on_cluster(function: Callable[[J], R], jobs: list[J], address: str, *, prepa
         prepare: a function and its argument, to be run once on each machine before anything else
         folder: a folder that every worker must see
         tls: files of the authority's certificate, of our own and of its key; for tls:// without them Dask's own settings hold
+        unit: what a bar counts, if it shall
 
     Raises:
         InputError: there is no scheduler, its certificate or ours does not hold, it has no workers, they have several threads, or
@@ -81,7 +84,7 @@ def on_cluster(function: Callable[[J], R], jobs: list[J], address: str, *, prepa
         from distributed.scheduler import KilledWorker
     except ImportError:
         raise InputError("--cluster needs the package distributed: pip install distributed") from None
-    with _quiet(), _client(address, tls) as client, _bar(kept, len(jobs)) as bar:
+    with _quiet(), _client(address, tls) as client, _bar(kept, len(jobs), unit) as bar:
         threads = client.nthreads()
         if not threads:
             raise InputError(f"--cluster {address}: no workers; start some with: dask worker {address} --nthreads 1")
@@ -150,8 +153,8 @@ def _ready(function: Callable[[Any], None], argument: Any, folder: Path, expecte
     function(argument)
 
 
-def _bar(kept: int, more: int) -> tqdm[Any]:
-    return tqdm(total=kept + more, initial=kept, unit=" trajectories", disable=None)
+def _bar(kept: int, more: int, unit: str) -> tqdm[Any]:
+    return tqdm(total=kept + more, initial=kept, unit=unit, disable=None if unit else True)
 
 
 def _die_with_parent() -> None:

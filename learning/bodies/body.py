@@ -19,13 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.contact.obstacles import SHAPES, Rigid
+from physics.contact.obstacles import Rigid
 from physics.mesh.mesh import Mesh
 from physics.scene import Obstacle, Scene
 from physics.schema import InputError
 
 Floats = NDArray[np.floating[Any]]
 LOOKS = 64  # poses between which the first touch is looked for, and again between two of these
+KINDS = ("sphere", "cylinder", "capsule", "box", "half-space")  # of obstacles, in the order in which the network is shown them
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ class Body:
             one = np.outer(axis, axis)[np.triu_indices(3)]
         normal = np.zeros(3) if told.normal is None else np.array(told.normal) / np.linalg.norm(told.normal)
         radius, length = told.radius or 0.0, told.length or 0.0
-        return np.concatenate([[told.shape == name for name in SHAPES], [told.contact == "nodes", radius / long, radius / short,
+        return np.concatenate([[told.shape == name for name in KINDS], [told.contact == "nodes", radius / long, radius / short,
                                length / long], np.array(told.size or (0.0, 0.0, 0.0)) / long, one, normal]).astype(float)
 
     def _moments(self, weight: Floats) -> Floats:
@@ -133,6 +134,7 @@ def see(scene: Scene, mesh: Mesh) -> Body:
         (scene.steps.dynamic or bool(scene.load), "it has loads or inertia"),
         (not scene.support or any(any(s.displacement) or s.angle is not None for s in scene.support), "its supports move, or it has none"),
         (obstacle is None, "it has no obstacle"),
+        (obstacle is not None and (obstacle.shape not in KINDS or bool(obstacle.angle)), "its obstacle is a turned box or of triangles"),
         (obstacle is not None and (len(obstacle.path) != 2 or obstacle.steps is not None), "its obstacle's path is not one straight line"),
     ]
     for is_wrong, words in wrong:

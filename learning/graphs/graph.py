@@ -13,13 +13,15 @@ Features, with X rest positions, x current positions, v = x(t+1) - x(t) [m]; eve
     mesh edge       X = X_s - X_r, |X|, x - X, |x| - |X|    [m], x = x_s - x_r, s sender, r receiver
     contact edge    x, |x|                                 [m]
 
+A body in a plane has D = 2 coordinates, every other D = 3. Where nodes stay and a fluid flows: flow.py.
+
 The paper gives a node x_i and a mesh edge X and x. Here the changes x - X stand beside X: the same knowledge, but a strain of
 1 % is lost in the spread of x over a mesh and stands out in that of x - X. The origin O makes x_i free of where the scene is.
 
 Edges are sorted by receiver. A frame without any contact has empty arrays of contact edges and nothing else differs. Coarser
 graphs (levels.py), segments and encodings are there for networks that ask for them.
 
-Legend: N nodes, E mesh edges, W contact edges, K segments, B graphs in a batch.
+Legend: N nodes, E mesh edges, W contact edges, K segments, B graphs in a batch, k kinds of nodes.
 Source: Pfaff et al. 2021 (arXiv:2010.03409), appendix A.1; Lei et al., M4GN, section "Micro-level module".
 """
 
@@ -33,28 +35,28 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
+from datagen.files.trajectory import HANDLE, Trajectory
 from learning.graphs.contact import contact_edges, with_norm, world_edges
 from learning.graphs.encoding import mesh_graph, random_walk, segment_graph
+from learning.graphs.layout import SOLID_BODY, Layout
 from learning.graphs.levels import Level, hierarchy, lifted
-from learning.graphs.wants import Widths
 from learning.segments.clusters import ranks
 from learning.segments.edges import mesh_edges
 
-KINDS = (NORMAL, OBSTACLE, HANDLE)
-SOLID = Widths(node=len(KINDS) + 9, mesh_edge=8, contact_edge=4, space=3)
+SOLID = SOLID_BODY.widths
 
 
 @dataclass(frozen=True)
 class Skeleton:
     """What stays the same over all frames of a trajectory.
 
-    kind: (N, 3) float32 one-hot
+    kind: (N, k) float32 one-hot
     free: (N,) True on the nodes that are predicted
-    rest: (N, 3) float64 rest positions [m]
-    place: (N, 3) float32 rest positions from O [m]
+    obstacle: (N,) True on those of the obstacle
+    rest: (N, D) float64 rest positions [m]
+    place: (N, D) float32 rest positions from O [m]
     pair: (2, E) senders and receivers of the mesh edges
-    rest_edge: (E, 4) float32 rest vector and its norm [m]
+    rest_edge: (E, D + 1) float32 rest vector and its norm [m]
     segment: (N,) segment of each node, 0 .. K-1 without gaps
     rank: (N,) place of each node in an order along x, y, z, whatever its number
     shared: (2, M) nodes and the further segments they belong to; None without overlap
@@ -64,6 +66,7 @@ class Skeleton:
 
     kind: NDArray[np.float32]
     free: NDArray[np.bool_]
+    obstacle: NDArray[np.bool_]
     rest: NDArray[np.float64]
     place: NDArray[np.float32]
     pair: NDArray[np.int64]
@@ -96,14 +99,14 @@ class Coarser:
 class Graph:
     """One frame, or several as a disjoint union.
 
-    node: (N, 12), mesh_edge: (E, 8), contact_edge: (W, 4) features
+    node: (N, 3 D + 3), mesh_edge: (E, 2 D + 2), contact_edge: (W, D + 1) features; of a flow (N, k + D), (E, D + 1) and none
     mesh_pair: (2, E), contact_pair: (2, W) senders and receivers
-    place: (N, 6) rest positions from O and displacements [m], as they stand in `node` before it is scaled
+    place: (N, 2 D) rest positions from O and displacements [m], as they stand in `node` before it is scaled
     rank: (N,) see Skeleton
     segment: (N,) segment of each node, counted through the batch; without segments a graph is one
     graph_of_segment: (K,) the graph of each segment, ascending from 0
     count: B
-    scale: (2, 8) and (2, 4) means and deviations by which the features of edges were scaled; None before
+    scale: (2, 2 D + 2) and (2, D + 1) means and deviations by which the features of edges were scaled; None before
     shared, node_code, segment_code: as in Skeleton, counted through the batch
     """
 
@@ -147,7 +150,7 @@ def _moved(value: Any, device: torch.device) -> Any:
 
 
 def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, overlap: int = 0, walk: int = 0,
-                   levels: int = 0) -> Skeleton:
+                   levels: int = 0, layout: Layout = SOLID_BODY) -> Skeleton:
     """The constant part of a trajectory's graphs; reads nothing of its displacement.
 
     Args:
@@ -156,25 +159,26 @@ def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, over
         overlap: 1 to let nodes also belong to the segments of their neighbours
         walk: w, steps of the longest walk of the encodings; 0 for none
         levels: how many coarser graphs
+        layout: what of it is seen; that of a solid body by default
     """
     edges = mesh_edges(trajectory)
     senders, receivers = np.concatenate([edges, edges[:, ::-1]]).T  # (2E,) each
     order = np.lexsort((senders, receivers))
     pair = np.stack([senders[order], receivers[order]])  # (2, E)
-    rest = trajectory.points
+    rest = np.ascontiguousarray(trajectory.points[:, :layout.space])
     vector = rest[pair[0]] - rest[pair[1]]
-    kind = (trajectory.node_kind[:, None] == np.array(KINDS)).astype(np.float32)  # (N, 3)
+    kind = (trajectory.node_kind[:, None] == np.array(layout.kinds)).astype(np.float32)  # (N, k)
     held = trajectory.node_kind == HANDLE
-    place = (rest - rest[held if held.any() else trajectory.body].mean(axis=0)).astype(np.float32)  # (N, 3)
+    place = (rest - rest[held if held.any() else trajectory.body].mean(axis=0)).astype(np.float32)  # (N, D)
     label = segment.astype(np.int64)
     shared = neighbours(label, pair) if overlap else None
     node_code = segment_code = None
     if walk:
         graph = mesh_graph(pair, len(rest))
         node_code, segment_code = random_walk(graph, walk), random_walk(segment_graph(graph, label, shared), walk)
-    rank = ranks(rest)
-    return Skeleton(kind, trajectory.free, rest, place, pair, with_norm(vector), label, rank, shared, node_code, segment_code,
-                    hierarchy(pair, rest, rank, levels))
+    rank = ranks(trajectory.points)
+    return Skeleton(kind, layout.free(trajectory), ~trajectory.body, rest, place, pair, with_norm(vector), label, rank, shared, node_code,
+                    segment_code, hierarchy(pair, rest, rank, levels))
 
 
 def neighbours(segment: NDArray[np.int64], pair: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -198,23 +202,30 @@ def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: ND
     """The graph of one frame.
 
     Args:
-        positions: (N, 3) current positions [m]
-        velocity: (N, 3) displacement to the next frame [m]; read on prescribed nodes only
+        positions: (N, D) current positions [m]
+        velocity: (N, D) displacement to the next frame [m]; read on prescribed nodes only
         radius: r_W, the largest distance of a contact edge [m]
-        known: (N, 3) what stands in its place on free nodes
+        known: (N, D) what stands in its place on free nodes
         world: contact edges join any two nodes within the radius that no mesh edge joins
     """
-    velocity = np.where(skeleton.free[:, None], known, velocity).astype(np.float32)  # (N, 3)
+    velocity = np.where(skeleton.free[:, None], known, velocity).astype(np.float32)  # (N, D)
     displacement = (positions - skeleton.rest).astype(np.float32)
     senders, receivers = skeleton.pair
-    change = with_norm(positions[senders] - positions[receivers]) - skeleton.rest_edge  # (E, 4)
+    change = with_norm(positions[senders] - positions[receivers]) - skeleton.rest_edge  # (E, D + 1)
     contact = (world_edges(positions, skeleton.pair, radius) if world else
-               contact_edges(positions, skeleton.kind[:, KINDS.index(OBSTACLE)] > 0, radius))
+               contact_edges(positions, skeleton.obstacle, radius))
+    node = np.concatenate([skeleton.kind, velocity, skeleton.place, displacement], axis=1)
+    return assembled(skeleton, node, np.concatenate([skeleton.rest_edge, change], axis=1), positions, displacement, contact)
+
+
+def assembled(skeleton: Skeleton, node: NDArray[np.float32], mesh_edge: NDArray[np.float32], positions: NDArray[np.float64],
+           displacement: NDArray[np.float32], contact: NDArray[np.int64]) -> Graph:
+    """A graph with these features and contact edges (2, W)."""
     above = zip(skeleton.levels, lifted(contact, len(positions), skeleton.levels), strict=True)
     segments = int(skeleton.segment.max()) + 1
     return Graph(
-        node=torch.from_numpy(np.concatenate([skeleton.kind, velocity, skeleton.place, displacement], axis=1)),
-        mesh_edge=torch.from_numpy(np.concatenate([skeleton.rest_edge, change], axis=1)),
+        node=torch.from_numpy(node),
+        mesh_edge=torch.from_numpy(mesh_edge),
         mesh_pair=torch.from_numpy(skeleton.pair),
         contact_edge=torch.from_numpy(with_norm(positions[contact[0]] - positions[contact[1]])),
         contact_pair=torch.from_numpy(contact),

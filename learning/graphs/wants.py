@@ -35,9 +35,18 @@ class Wants:
 
 @dataclass(frozen=True)
 class Widths:
-    """How many features nodes, mesh edges and contact edges have, and D, the components of what is predicted."""
+    """How many features nodes, mesh edges and contact edges have, and D, the components of the state that is predicted.
+
+    further: numbers of all fields that are predicted beside it
+    """
 
     node: int
     mesh_edge: int
     contact_edge: int
     space: int
+    further: int = 0
+
+    @property
+    def outputs(self) -> int:
+        """How many numbers are predicted at a node."""
+        return self.space + self.further

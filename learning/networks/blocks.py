@@ -51,7 +51,7 @@ class Network(nn.Module):
         self.reduced = config.precision == "bfloat16"
 
     def forward(self, graph: Graph) -> Tensor:
-        """(N, D) normalised velocity; meaningless on nodes that are not free."""
+        """(N, D + F) normalised velocity and further fields (graphs/layout.py); meaningless where nothing is asked."""
         with torch.autocast(graph.node.device.type, torch.bfloat16, enabled=self.reduced):
             return self.velocity(graph).float()
 

@@ -79,7 +79,7 @@ class M4GN(Network):
         self.process = nn.ModuleList([MessagePassing(hidden) for _ in range(config.message_steps)])
         self.encode_segment = MLP(hidden, hidden, hidden)
         self.transform = nn.ModuleList([TransformerBlock(hidden, config.heads, config.feed) for _ in range(config.transformer_layers)])
-        self.decode = MLP(2 * hidden, hidden, widths.space, norm=False)
+        self.decode = MLP(2 * hidden, hidden, widths.outputs, norm=False)
         if config.walk:
             self.place_node = MLP(config.walk, hidden, widths.node)
             self.place_segment = MLP(config.walk, hidden, hidden)
@@ -99,7 +99,7 @@ class M4GN(Network):
         padded = rows.padded(s)  # (B, S, H)
         for block in self.transform:
             padded = block(padded, rows.present)
-        return self.decode(torch.cat([h, mean_of_own(rows.listed(padded), graph.segment, graph.shared)], dim=1))  # (N, D)
+        return self.decode(torch.cat([h, mean_of_own(rows.listed(padded), graph.segment, graph.shared)], dim=1))  # (N, D + F)
 
     @property
     def last(self) -> nn.Linear:

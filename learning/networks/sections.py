@@ -24,7 +24,11 @@ OUTPUTS = 18
 
 @dataclass(frozen=True, kw_only=True)
 class SectionsConfig:
-    """Sizes of the network."""
+    """Sizes of the network.
+
+    pose_hidden, pose_layers: of the net that sees a pose
+    hidden, layers: of the net that sees a section and what is known of the pose
+    """
 
     kind: str = quantity("sections", choice=("sections",))
     pose_hidden: int = quantity(256, at_least=1, at_most=4096)

@@ -15,7 +15,12 @@ from physics.schema import quantity
 
 @dataclass(frozen=True, kw_only=True)
 class ShapesConfig:
-    """degree: of the polynomials that shapes are made of, along the longest side; shapes: how many; hidden, layers: of the network."""
+    """Sizes of the network.
+
+    degree: of the polynomials that shapes are made of, along the longest side
+    shapes: how many
+    hidden, layers: of the net
+    """
 
     kind: str = quantity("shapes", choice=("shapes",))
     degree: int = quantity(8, at_least=1, at_most=20)

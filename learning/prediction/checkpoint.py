@@ -7,13 +7,14 @@
     RUN/curve.jsonl          one JSON object a line: loss and learning rate, validation errors
 
 Both safetensors files carry in their header, as JSON: schema, config, step, seconds trained, best validation error [m],
-SHA-256 of the training data, versions of the libraries. One file holds one state, written under another name, flushed and
+SHA-256 of the training data, versions of the libraries, and what of trajectories is seen and predicted (graphs/layout.py; without it a
+solid body's displacement). One file holds one state, written under another name, flushed and
 renamed: a training killed at any moment leaves a whole one. No pickle: safetensors holds numbers, JSON the rest.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +24,12 @@ from torch import Tensor
 from learning.bodies.at_once import AtOnce, is_at_once, load_at_once
 from learning.config import TrainConfig
 from learning.devices import device_of
+from learning.graphs.layout import Layout
 from learning.networks.kinds import build
 from learning.networks.stored import read_stored, under, write_stored
 from learning.prediction.memory import keep_freed_memory
-from learning.samples.samples import Normaliser
-from physics.schema import InputError, read_table
+from learning.samples.scales import INPUTS, Normaliser
+from physics.schema import InputError, read_table, to_table
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class Checkpoint:
 class Model:
     """A trained network and what it needs to be applied: its config, its scales, and where it came from.
 
-    network: takes a scaled graph, gives (N, 3) in units of the normaliser's velocity
+    network: takes a scaled graph, gives (N, O) as the normaliser has it
     """
 
     config: TrainConfig
@@ -77,7 +79,7 @@ def write_checkpoint(path: Path, saved: Checkpoint) -> None:
     tensors |= {f"optimizer.{i}.{name}": value for i, entry in saved.optimizer.items() for name, value in entry.items()}
     if saved.generator is not None:
         tensors["generator"] = saved.generator
-    write_stored(path, saved.about, tensors)
+    write_stored(path, {**saved.about, "layout": to_table(saved.normaliser.layout)}, tensors)
 
 
 def read_checkpoint(path: str | Path) -> Checkpoint:
@@ -88,7 +90,9 @@ def read_checkpoint(path: str | Path) -> Checkpoint:
         for name, value in under("optimizer.", tensors).items():
             number, entry = name.split(".", 1)
             optimizer.setdefault(int(number), {})[entry] = value
-        normaliser = Normaliser(**{field.name: tensors[f"normaliser.{field.name}"] for field in fields(Normaliser)})
+        layout = read_table(Layout, about.pop("layout", {}), f"{path}: layout")
+        scales = (*INPUTS, "velocity", *(["fields"] if layout.fields else []))
+        normaliser = Normaliser(**{name: tensors[f"normaliser.{name}"] for name in scales}, layout=layout)
     except (KeyError, ValueError) as error:
         raise InputError(f"{path}: not a whole checkpoint: {str(error).splitlines()[0]}") from None
     return Checkpoint(about, under("weights.", tensors), normaliser, optimizer, tensors.get("generator"))
@@ -116,6 +120,6 @@ def load_model(run: str | Path, device: str = "cpu") -> Model | AtOnce:
         return load_at_once(run, about)
     saved = read_checkpoint(path)
     config = read_table(TrainConfig, saved.about.get("config"), f"{path}: config")
-    network = build(config.network)
+    network = build(config.network, saved.normaliser.layout.widths)
     load_weights(network, saved, path)
     return Model(config, network.eval(), saved.normaliser, str(run)).to(where)

@@ -56,11 +56,12 @@ def from_folder(words: Sequence[str], cases: Sequence[Case]) -> tuple[Predictor,
     said, known = "given, not measured here", {}
     for case in cases:
         file = find_prediction(folder, Path(case.file or f"{case.name}.vtkhdf"))
-        path, extra = read_prediction(file, case.trajectory, case.name)
-        took = seconds if seconds is not None else extra.get("seconds_per_step")
+        path, made = read_prediction(file, case.trajectory, case.name)
+        took = seconds if seconds is not None else made.extra.get("seconds_per_step")
         if seconds is None:
             said = "as its files tell, not measured here" if isinstance(took, int | float) else "not known"
-        known[case.name] = Prediction(path=path, seconds=case.steps * float(took) if isinstance(took, int | float) else np.nan)
+        known[case.name] = Prediction(path=path, seconds=case.steps * float(took) if isinstance(took, int | float) else np.nan,
+                                      fields=made.fields)
     return Predictor(name, "foreign", lambda case: known[case.name]), f"read from {folder}; time {said}"
 
 

@@ -6,7 +6,7 @@ Legend: T frames (the rest state first), N nodes of the body.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,7 @@ class Prediction:
     seconds: processor time of all steps; set_up: before the first one, spent anew on each scene
     wall: time of both by the clock on the wall, where it is known
     iterations: Newton steps in all, where there are any
+    fields: (T, N, k) each, what is told beside displacements, on the nodes of the file, obstacle included
     bar, unsure: (T,) error bar [m] of each frame, and whether the predictor says that it does not know; None where it cannot say
     """
 
@@ -75,6 +76,7 @@ class Prediction:
     set_up: float = 0.0
     wall: float = np.nan
     iterations: int | None = None
+    fields: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     bar: Floats | None = None
     unsure: NDArray[np.bool_] | None = None
 

@@ -34,7 +34,8 @@ def trivial() -> list[Predictor]:
         def predict(case: Case) -> Prediction:
             start = time.process_time()
             path, steps = rule(case.truth, case.free)
-            return Prediction(path=path, seconds=time.process_time() - start, one_step=steps)
+            first = {field: values[:1] for field, values in case.trajectory.fields.items()} if rule is nothing_moves else {}
+            return Prediction(path=path, seconds=time.process_time() - start, one_step=steps, fields=first)
 
         return Predictor(name, "trivial", predict)
 
@@ -122,7 +123,7 @@ def between(path: Floats, steps: int) -> Floats:
 
 def coarser(scene: Scene) -> Scene | None:
     """The scene with half the cells along each direction, rounded down, at least 2; None when nothing is left to halve."""
-    if scene.body.shape in ("file", "channel"):
+    if scene.body.shape in ("file", "channel", "panel"):
         return None
     divisions = tuple(min(n, max(2, n // 2)) for n in scene.body.divisions)
     if divisions == scene.body.divisions:

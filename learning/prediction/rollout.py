@@ -7,7 +7,11 @@ so that in both a rollout is what single steps from the rest state lead to. Obst
 trajectory file, and so do the nodes that a support holds. Of free nodes a rollout never sees more than their rest positions:
 the true motion is reduced to that of prescribed nodes before anything else happens.
 
-Legend: N nodes, T frames.
+Of a flow u is the velocity at nodes that stay, and a path starts from the first frame of the file in which it moves. A body in a plane
+is predicted in two coordinates; its third displacement is 0. Further fields that the network tells (graphs/layout.py) are those of the
+frame to come.
+
+Legend: N nodes, T frames, D space dimensions, O = D + numbers of further fields.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ from numpy.typing import NDArray
 from datagen.files.trajectory import Trajectory
 from learning.bodies.at_once import AtOnce, path_of, rolled_out
 from learning.graphs.graph import join
+from learning.graphs.layout import SOLID_BODY, Layout
 from learning.networks.blocks import products
 from learning.prediction.checkpoint import Model
 from learning.samples.estimate import estimate
@@ -41,7 +46,7 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
         correct: corrects each predicted frame, from which the next one is then predicted
 
     Returns:
-        the same trajectory with the predicted displacement, its segments, without what only a solver knows, and with
+        the same trajectory with the predicted displacement and fields, its segments, without what only a solver knows, and with
         extra = {"run", "seconds_per_step"}; of a predictor of beams also error_bar (T,) [m] and unsure (T,) for each frame
 
     Raises:
@@ -49,16 +54,20 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
         InputError: a mesh that cannot be segmented, or for a predictor of beams a scene that is none
     """
     if isinstance(model, AtOnce):
+        SOLID_BODY.check(trajectory)
         return _rolled_out_at_once(model, trajectory, correct)
-    example = build_example(_blind(trajectory), replace(model.config, estimate=False))
+    layout = model.normaliser.layout
+    example = build_example(_blind(trajectory, layout), replace(model.config, estimate=False), layout=layout)
     start = time.perf_counter()  # segments are set up before, estimates are a part of predicting
     if model.config.estimate:
         example = replace(example, estimate=estimate(example.trajectory, example.targets))
-    displacement = walk(model, example, correct)
-    seconds = (time.perf_counter() - start) / max(len(displacement) - 1, 1)
+    state, told = layout.split(walk(model, example, correct))
+    seconds = (time.perf_counter() - start) / max(len(state) - 1, 1)
     segment = example.skeleton.segment.astype(np.int32) if model.config.network.wants.cut else None
-    return replace(example.trajectory, displacement=displacement, per_frame={}, fields={}, segment=segment,
-                   extra={"run": model.name, "seconds_per_step": seconds})
+    moved = {"fields": {"velocity": state, **told}} if layout.flow else {"displacement": state, "fields": told}
+    extra = {"run": model.name, "seconds_per_step": seconds}
+    extra |= {name: trajectory.extra[name] for name in ("step_seconds",) if name in trajectory.extra}
+    return replace(example.trajectory, per_frame={}, segment=segment, extra=extra, **moved)
 
 
 def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correction | None) -> Trajectory:
@@ -74,67 +83,88 @@ def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correcti
                    extra={"run": model.name, "seconds_per_step": seconds, "unsure_frames": int(path.unsure.sum())})
 
 
-def _blind(trajectory: Trajectory) -> Trajectory:
-    """The trajectory without the motion of its free nodes."""
-    return replace(trajectory, displacement=np.where(trajectory.free[:, None], np.float32(0), trajectory.displacement))
+def _blind(trajectory: Trajectory, layout: Layout = SOLID_BODY) -> Trajectory:
+    """The trajectory without the state of its free nodes, of a flow but for the first frames, and without further fields. Raises
+    `InputError` for one of another layout."""
+    layout.check(trajectory)
+    free = layout.free(trajectory)[:, None]
+    if not layout.flow:
+        return replace(trajectory, displacement=np.where(free, np.float32(0), trajectory.displacement), fields={})
+    velocity = np.where(free, np.float32(0), trajectory.fields["velocity"])
+    known = slice(layout.first(trajectory) + 1)
+    velocity[known] = trajectory.fields["velocity"][known]
+    return replace(trajectory, fields={"velocity": velocity})
 
 
 def walk(model: Model, example: Example, correct: Correction | None = None, *,
          start: NDArray[np.floating] | float = 0.0) -> NDArray[np.float32]:
-    """(T, N, 3) displacement, free nodes predicted, the others as given; with scheme = "pose" at rest and at the example's targets.
+    """(T, N, O) the state, free nodes predicted, the others as given, then further fields, 0 in frame 0; with scheme = "pose" at rest
+    and at the example's targets.
 
-    start: (N, 3) displacement [m] of free nodes at frame 0, of which a pose knows nothing
+    start: (N, D) displacement [m] of free nodes at frame 0, of which a pose knows nothing; a flow starts as the file tells
     """
-    free, given, body = example.skeleton.free[:, None], example.trajectory.displacement, example.trajectory.body
-    predicted = given.copy()
+    free, given, body, space = example.skeleton.free[:, None], example.states, example.trajectory.body, example.layout.space
+    predicted = np.zeros((*given.shape[:2], example.layout.widths.outputs), np.float32)
+    predicted[..., :space] = given
     at_once = BATCH if model.config.scheme == "pose" else 1
-    before = now = np.where(free, start, given[0]).astype(np.float64)  # (N, 3)
+    before = now = np.where(free & (not example.layout.flow), start, given[example.layout.first(example.trajectory)]).astype(np.float64)
     for first in range(0, len(example.targets), at_once):
         targets = example.targets[first:first + at_once].tolist()
         for target, found in zip(targets, _predict(model, example, targets, [now] * len(targets), [before] * len(targets)), strict=True):
-            after = np.where(free, found, given[target])
+            after = np.where(free, found[:, :space], given[target])
             if correct is not None:
-                after[body] = correct(after[body], target)
+                after[body] = correct(np.pad(after[body], ((0, 0), (0, 3 - space))), target)[:, :space]
             if not np.isfinite(after).all():
                 raise FloatingPointError(f"the rollout is not finite at step {target} of {len(given) - 1}: the network has "
                                          f"left the states it was trained on; train longer, or with more noise")
-            predicted[target] = after
+            predicted[target] = np.concatenate([after, np.where(body[:, None], found[:, space:], 0)], axis=1)
             before, now = now, after
     return predicted
 
 
 def predict_step(model: Model | AtOnce, trajectory: Trajectory, *, batch_size: int = 8) -> NDArray[np.float32]:
-    """(T - 1, N, 3) displacement one step after each true frame 0 .. T - 2; prescribed nodes as given."""
+    """(T - 1, N, 3) displacement, or velocity of a flow, one step after each true frame 0 .. T - 2; prescribed nodes as given."""
+    if not isinstance(model, AtOnce):
+        layout = model.normaliser.layout
+        if model.config.scheme == "step":
+            return layout.split(_steps(model, build_example(trajectory, model.config, layout=layout), batch_size))[0]
+        poses = layout.split(walk(model, build_example(_blind(trajectory, layout), model.config, layout=layout)))[0].astype(np.float64)
+    else:
+        poses = rolled_out(trajectory, path_of(model, trajectory)).astype(np.float64)
     true, free = trajectory.displacement, trajectory.free
     predicted = true[1:].copy()
-    if isinstance(model, AtOnce) or model.config.scheme == "pose":
-        poses = (rolled_out(trajectory, path_of(model, trajectory)) if isinstance(model, AtOnce)
-                 else walk(model, build_example(_blind(trajectory), model.config))).astype(np.float64)
-        predicted[:, free] = true[:-1, free] + (poses[1:] - poses[:-1])[:, free]
-        return predicted
-    example = build_example(trajectory, model.config)
+    predicted[:, free] = true[:-1, free] + (poses[1:] - poses[:-1])[:, free]
+    return predicted
+
+
+def _steps(model: Model, example: Example, batch_size: int) -> NDArray[np.float32]:
+    """(T - 1, N, O) the state one step after each true frame, with further fields."""
+    true, free = example.states, example.skeleton.free
+    predicted = np.zeros((len(true) - 1, true.shape[1], example.layout.widths.outputs), np.float32)
     for first in range(0, len(predicted), batch_size):
         steps = list(range(first, min(first + batch_size, len(predicted))))
         found = _predict(model, example, [step + 1 for step in steps], [true[step] for step in steps],
                          [true[max(step - 1, 0)] for step in steps])
-        for step, after in zip(steps, found, strict=True):
-            predicted[step, free] = after[free]
+        predicted[steps] = found
+    predicted[..., :true.shape[2]][:, ~free] = true[1:, ~free]
     return predicted
 
 
 def rollout_error(model: Model, example: Example) -> float:
-    """Root mean square distance [m] of a rollout from the truth, over all free nodes and the example's targets."""
-    predicted = walk(model, replace(example, trajectory=_blind(example.trajectory)))
-    error = (predicted - example.trajectory.displacement)[example.targets][:, example.skeleton.free]
+    """Root mean square distance [m], of a flow [m/s], of a rollout from the truth, over all free nodes and the example's targets."""
+    predicted = walk(model, replace(example, trajectory=_blind(example.trajectory, example.layout)))
+    error = (predicted[..., :example.layout.space] - example.states)[example.targets][:, example.skeleton.free]
     return float(np.sqrt((error.astype(np.float64) ** 2).sum(axis=-1).mean()))
 
 
 def _predict(model: Model, example: Example, targets: list[int], now: list[NDArray[np.floating]],
              before: list[NDArray[np.floating]]) -> NDArray[np.float64]:
-    """(frames, N, 3) predicted displacements [m] of some frames, from one and two frames before each."""
+    """(frames, N, O) predicted states and further fields of some frames, from the states one and two frames before each."""
     shown = [describe(example, target, u, v, model.config) for target, u, v in zip(targets, now, before, strict=True)]
     with torch.inference_mode(), products(model.config.network):
         graph = join([each.graph for each in shown]).to(model.normaliser.velocity.device)
-        said = model.normaliser.velocity * model.network(model.normaliser.graph(graph))
-    outputs = said.cpu().numpy().reshape(len(targets), -1, 3)
-    return np.stack([each.base + each.unit * output for each, output in zip(shown, outputs, strict=True)])
+        said = model.normaliser.values(model.network(model.normaliser.graph(graph)))
+    outputs = said.cpu().numpy().reshape(len(targets), -1, said.shape[1])
+    space = example.layout.space
+    return np.stack([np.concatenate([each.base + each.unit * output[:, :space], output[:, space:]], axis=1)
+                     for each, output in zip(shown, outputs, strict=True)])

@@ -44,7 +44,8 @@ def learned(model: Model | AtOnce, name: str = "M4GN", *, single_steps: bool = T
         body = case.trajectory.body
         seconds, set_up = _split(predicted, start, began)
         steps = predict_step(model, case.trajectory)[:, body] if single_steps else None
-        return Prediction(path=predicted.displacement[:, body], one_step=steps, seconds=seconds, set_up=modes + set_up)
+        return Prediction(path=predicted.displacement[:, body], one_step=steps, seconds=seconds, set_up=modes + set_up,
+                          fields=predicted.fields)
 
     return Predictor(name, "learned", predict)
 
@@ -75,7 +76,7 @@ def corrected(model: Model | AtOnce, count: int | None, name: str = "M4GN") -> P
         predicted, corrector = corrected_rollout(model, case.trajectory, case.scene, case.mesh, count)
         seconds, set_up = _split(predicted, start, began)
         return Prediction(path=predicted.displacement[:, case.trajectory.body], seconds=seconds, set_up=modes + set_up,
-                          iterations=corrector.iterations)
+                          iterations=corrector.iterations, fields=predicted.fields)
 
     how = "as the start of Newton" if count is None else f"corrected {10**count}-fold"
     return Predictor(f"{name}, {how}", "hybrid", predict)

@@ -91,7 +91,7 @@ def some_cases(folder: str | Path, split: str, count: int) -> list[Case]:
 
 
 def predictors(models: dict[str, Model | AtOnce]) -> list[Predictor]:
-    """All of them, learned ones first; with several runs these carry the names of their folders."""
+    """All of them, learned ones first; where several are of one kind these carry the names of their folders."""
     names = called(models)
     if len(set(names.values())) < len(names):
         raise InputError(f"--run: the folders {', '.join(models)} must have different names, by which the report calls them")

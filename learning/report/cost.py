@@ -19,8 +19,10 @@ from learning.report.table import Row
 
 
 def called(runs: dict[str, Any]) -> dict[str, str]:
-    """What each run's predictor is called in a report, by its folder: by its kind, with several runs by the folder's name too."""
-    return {run: model.title if len(runs) == 1 else f"{model.title} {Path(run).name}" for run, model in runs.items()}
+    """What each run's predictor is called in a report, by its folder: by its kind, where several are of one kind by the folder's name
+    too."""
+    kinds = [model.title for model in runs.values()]
+    return {run: model.title if kinds.count(model.title) == 1 else f"{model.title} {Path(run).name}" for run, model in runs.items()}
 
 
 def paid_back(rows: Sequence[Row], runs: dict[str, Any]) -> list[Row]:

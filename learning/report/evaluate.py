@@ -1,6 +1,5 @@
-"""Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report.
-
-Where the trajectories have no scene, as imported ones, the network and what knows nothing are held against the data alone.
+"""Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report; where the trajectories have
+no scene, as imported ones, against the data alone.
 
 On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser
 meshes, and the solver that made the truth, run again here for its time. What is written: report.py; the rivals: rivals.py;
@@ -31,13 +30,14 @@ from learning.prediction.foreign import Own, from_folder, from_function
 from learning.prediction.predictor import Case, Predictor
 from learning.prediction.rivals import REFERENCE, coarser, elements, follow, trivial
 from learning.prediction.surrogates import corrected, estimated, learned
-from learning.report.cost import data_said, paid_back, payback_said
+from learning.report.cost import called, data_said, paid_back, payback_said
 from learning.report.differences import differing, spread_said
 from learning.report.measure import LONG, Measurement, measure
 from learning.report.report import write_report
 from learning.report.shown import exhibits, worst_frames
 from learning.report.table import JUDGED, Report, Row
 from learning.samples.seen import Seen, outside, read_seen
+from physics.fidelity.figures import field_columns, shown
 from physics.schema import InputError, to_table
 from physics.view import ObstacleSurface, frame_picture
 
@@ -45,8 +45,8 @@ SAMPLE = 25  # frames of a trajectory at which equations and the deformed mesh a
 
 
 def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, correct: int = 1, refined: int = 1,
-             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (), device: str = "cpu",
-             say: Callable[[str], None] | None = None) -> dict[str, Any]:
+             predictions: Sequence[Sequence[str]] = (), functions: Sequence[Own] = (), beside: Sequence[str | Path] = (),
+             device: str = "cpu", say: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Roll a trained network out over test trajectories and write the report folder.
 
     Args:
@@ -56,7 +56,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         correct: orders of magnitude by which Newton steps correct each frame of a rollout
         refined: how many of the test scenes are solved on finer cells as well
         predictions, functions: what users bring along, see `own_predictors`
-        device: where the network runs
+        beside: other trainings, whose own rollouts are shown too; device: where the networks run
         say: takes a line of what comes out
 
     Returns:
@@ -67,17 +67,18 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
     """
     if not files:
         raise InputError("no trajectories to evaluate on")
-    model = load_model(run, device)
-    cases = load_cases(files)
-    alone = [estimated(f"{model.title}, its estimate alone")] if has_estimate(model) else []
+    runs = {str(each): load_model(each, device) for each in (run, *beside)}
+    names, cases = called(runs), load_cases(files)
+    model, name, others = runs[str(run)], names[str(run)], [learned(runs[str(each)], names[str(each)]) for each in beside]
+    alone = [estimated(f"{name}, its estimate alone")] if has_estimate(model) else []
     own, about = own_predictors(predictions, functions, cases)
     if any(case.known is None for case in cases):
-        return report_on([*own, learned(model, model.title), *trivial()], cases, Path(out),
-                         title="A learned simulator held against its data", runs={str(run): model}, refined=0, about=about, say=say)
+        return report_on([*own, learned(model, name), *others, *trivial()], cases, Path(out),
+                         title="A learned simulator held against its data", runs=runs, refined=0, about=about, say=say)
     fe = [elements("FE, cells twice as large", halvings=1), elements("FE, cells four times as large", halvings=2), elements(REFERENCE)]
-    predictors = [*own, learned(model, model.title), *alone, corrected(model, correct, model.title), *trivial(), *fe]
-    return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs={str(run): model},
-                     refined=refined, about=about, say=say)
+    predictors = [*own, learned(model, name), *alone, corrected(model, correct, name), *others, *trivial(), *fe]
+    return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs=runs, refined=refined,
+                     about=about, say=say)
 
 
 def own_predictors(predictions: Sequence[Sequence[str]], functions: Sequence[Own],
@@ -127,9 +128,9 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
     with tqdm(total=len(cases) * len(predictors), desc="evaluate", disable=None, unit="rollout") as bar:
         found = measure(predictors, cases, sample=SAMPLE, refined=evenly(refined, len(cases)), repeats=repeats, on_done=bar.update)
     out.mkdir(parents=True, exist_ok=True)
-    apart = _apart(runs)
-    found.rows = [replace(row, about=next((words for run, words in apart.items() if row.kind == "learned"
-                                           and row.name.endswith(f" {Path(run).name}")), "")) for row in found.rows]
+    known, apart = called(runs), _apart(runs)
+    found.rows = [replace(row, about=next((words for run, words in apart.items() if known[run] == row.name != runs[run].title), ""))
+                  for row in found.rows]
     found.rows = paid_back(found.rows, runs)
     seeds_alone = bool(apart) and all(words.startswith("seed ") and "," not in words for words in apart.values())
     spread = [*spread_said(found.rows, chance=seeds_alone), *payback_said(found.rows)]
@@ -158,6 +159,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
     for row in rows:
         errors = " ".join(f"{1e3 * row.scores[key]:9.4g}" for key in ("rmsd_1", "rmsd_50", "rmsd_all", "rmsd_refined"))
         lines.append(f"{row.name:36s} {row.ms_per_step:9.3g} {errors}".replace("nan", "  –"))
+        lines += [f"    {column.head}: {shown(row.scores[key])} {column.unit}" for key, column in field_columns(row.scores).items()]
         lines += [f"    {row.about}"] * bool(row.about)
     return lines
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.files.prediction import field_errors
 from datagen.sets.statistics import finer
 from learning.prediction.predictor import Case, LeftOut, Prediction, Predictor
 from learning.report.table import JUDGED, Row
@@ -92,7 +93,8 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
                 found.solved_again = max(found.solved_again, float(abs(path - case.truth).max()))
                 path = case.truth
             fidelity = reference.verify(path, prediction.one_step)
-            each[predictor.name].append(_scores(fidelity, prediction, case) | _doubt(prediction, case) | _against(second, path, case))
+            each[predictor.name].append(_scores(fidelity, prediction, case) | field_errors(prediction.fields, case.trajectory)
+                                        | _doubt(prediction, case) | _against(second, path, case))
             with np.errstate(over="ignore"):
                 paths[predictor.name] = path.astype(np.float32)
             errors.append(fidelity.rmsd_all)

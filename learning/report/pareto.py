@@ -21,6 +21,7 @@ PLACES = [((x * far, y * far), {-1: "right", 0: "center", 1: "left"}[x], {-1: "t
           for far, (x, y) in product((8, 14, 24, 38, *range(54, 500, 16)),
                                      ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 0), (-1, 0), (0, 1), (0, -1)))]
 ACROSS, UP = {"left": 0.0, "center": 0.5, "right": 1.0}, {"bottom": 0.0, "center": 0.5, "top": 1.0}  # share of the box before it
+TIME = "processor time per step [ms], set-up included (end of the bar: excluded)"
 LONGEST = 48  # letters of a label
 FEWEST = 4  # trajectories of which a spread is shown
 GROWTHS = 8  # of the picture's height, by a quarter each: then there is room for some hundred labels
@@ -42,22 +43,23 @@ def front(rows: list[Row], error: str = "rmsd_all") -> list[Row]:
     return best
 
 
-def pareto_picture(path: Path, rows: list[Row]) -> None:
+def pareto_picture(path: Path, rows: list[Row], *, across: str = TIME, up: str = "", error: str = "", factor: float = 1e3) -> None:
     """Write the picture as PNG. A point is a mean over the trajectories; a bar leads from it to its time without set-up, and a thin cross
-    has the medians and quartiles of the trajectories.
+    has the medians and quartiles of the trajectories. What the axes say is `across` and `up`, by default of whole rollouts.
 
     Against the data the reference has no error and is a line at its time; against finer cells it is a point like all others,
     and a line shows its error: what lies on that line knows the body as well as the data do.
+
+    error: the score that is shown, times a factor; by default that of `measure_of` in millimetres
     """
-    error = measure_of(rows)
+    error = error or measure_of(rows)
     figure = Figure(figsize=(10, 6.2), dpi=110, facecolor="white", layout="constrained")
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     to = "the scene on cells of half the size" if error == "rmsd_refined" else "the data"
-    axes.set(xscale="log", yscale="log", xlabel="processor time per step [ms], set-up included (end of the bar: excluded)",
-             ylabel=f"RMSD to {to}, whole rollouts, free nodes [mm]")
-    _spread(axes, rows, error)
-    points = {row.name: (row.ms_per_step, 1e3 * row.scores[error]) for row in rows if row.scores[error] > 0 and row.ms_per_step > 0}
+    axes.set(xscale="log", yscale="log", xlabel=across, ylabel=up or f"RMSD to {to}, whole rollouts, free nodes [mm]")
+    _spread(axes, rows, error, factor)
+    points = {row.name: (row.ms_per_step, factor * row.scores[error]) for row in rows if row.scores[error] > 0 and row.ms_per_step > 0}
     best = [points[row.name] for row in front(rows, error) if row.name in points]
     axes.step([x for x, _ in best], [y for _, y in best], where="post", color="#dcdcdc", lw=6, zorder=1,
               label="front: nothing is both faster and closer")
@@ -74,7 +76,7 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
             if row.kind == "reference":
                 axes.axhline(y, color=colour, ls=":", lw=1.2, label="error of the data")
         elif math.isnan(row.ms_per_step) and row.scores[error] > 0:
-            axes.axhline(1e3 * row.scores[error], color=colour, ls="-.", lw=1.2, label=f"{row.name}: its time is not known")
+            axes.axhline(factor * row.scores[error], color=colour, ls="-.", lw=1.2, label=f"{row.name}: its time is not known")
         elif row.kind == "reference":
             axes.axvline(row.ms_per_step, color=colour, ls="--", lw=1.3, label=f"{row.name}: zero error by definition")
     axes.margins(x=0.16, y=0.14)
@@ -96,11 +98,11 @@ def pareto_picture(path: Path, rows: list[Row]) -> None:
     figure.savefig(path)
 
 
-def _spread(axes: Any, rows: list[Row], error: str) -> None:
+def _spread(axes: Any, rows: list[Row], error: str, factor: float) -> None:
     """Between the quartiles of the trajectories a bar in time and one in error, which cross where their medians are; of a few it says
     nothing."""
     for row in rows:
-        each = np.array([(one.get("ms_per_step", math.nan), 1e3 * one.get(error, math.nan)) for one in row.each])
+        each = np.array([(one.get("ms_per_step", math.nan), factor * one.get(error, math.nan)) for one in row.each])
         if len(each) < FEWEST or not np.isfinite(each).all() or not (each > 0).all():
             continue
         (low, bottom), (x, y), (high, top) = np.quantile(each, [0.25, 0.5, 0.75], axis=0)

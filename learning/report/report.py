@@ -27,7 +27,6 @@ from learning.report.pareto import COLOURS, measure_of, pareto_picture
 from learning.report.table import (
     COLUMNS,
     KINDS,
-    TABLES,
     Report,
     by_case,
     cells,
@@ -37,6 +36,7 @@ from learning.report.table import (
     improvement,
     plain,
     shown,
+    tables_of,
     told,
 )
 from learning.samples.seen import ALARM
@@ -76,7 +76,7 @@ def _markdown(report: Report) -> str:
     if alarm := _alarm(report):
         parts += [f"**{alarm}**", ""]
     parts += ["![time per step against error](pareto.png)", "", SCALE[measure_of(report.rows)], ""]
-    for title, columns in TABLES.items():
+    for title, columns in tables_of(report.rows).items():
         shown_columns = told(columns, report.rows)
         parts += [f"## {title}", "", *table(heads(shown_columns), [cells(row, shown_columns) for row in report.rows]), "",
                   *(f"- **{column.head}**: {plain(column.meaning, '**')}." for column in shown_columns.values()), ""]
@@ -129,7 +129,7 @@ def _page(report: Report, folder: Path, exhibits: Sequence[Exhibit]) -> str:
     kinds = [kind for kind in KINDS if any(row.kind == kind for row in report.rows)]
     head, lines = by_case(report)
     tables = ""
-    for title, columns in TABLES.items():
+    for title, columns in tables_of(report.rows).items():
         shown_columns = told(columns, report.rows)
         tables += (f"<h2>{escape(title)}</h2>"
                    + _table(heads(shown_columns), [cells(row, shown_columns) for row in report.rows], [row.kind for row in report.rows])

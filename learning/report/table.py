@@ -96,6 +96,12 @@ TABLES = {"Time and error": TIME | ERROR | DOUBT, "Errors as published": figures
 COLUMNS = TIME | ERROR | DOUBT | figures.PUBLISHED | PHYSICS | figures.MESH
 
 
+def tables_of(rows: list[Row]) -> dict[str, dict[str, Column]]:
+    """The tables of a report, with one of further fields where a learned predictor tells any."""
+    found = figures.field_columns(key for row in rows if row.kind in JUDGED for key in row.scores)
+    return TABLES | ({"Further fields": found} if found else {})
+
+
 def improvement(rows: list[Row]) -> float | None:
     """RMSD-all of "nothing moves" over that of the best learned simulator or predictor brought along; None without both."""
     learned = [row.scores["rmsd_all"] for row in rows if row.kind in JUDGED]

@@ -1,7 +1,8 @@
 """A frame of a trajectory as input and target.
 
     estimate   what physics says of it beforehand
-    samples    graph, target, noise, and the scale of everything
+    scales     the scale of everything that a network sees and says
+    samples    graph, target and noise
     frames     the same as a torch data set, for networks of one's own
     seen       what ranges a training has seen
 """

@@ -1,6 +1,6 @@
 """Training samples: frames of trajectories held in memory, with fresh noise, and the scale of everything in them.
 
-A sample is a graph, a base b and a unit c from which a network's output y (N, 3) makes the displacement of one frame, f:
+A sample is a graph, a base b and a unit c from which a network's output y (N, D) makes the displacement of one frame, f:
 
     u(f) = b + c y        on free nodes, and the loss compares y with (u(f) - b) / c
 
@@ -21,12 +21,13 @@ A stepwise simulator walks on its own predictions, so it is trained on disturbed
 and u(f - 1) above is that of x'. The target is corrected: it leads from the disturbed position to the true next one, so the
 network learns to repair. A pose has no past, and no noise.
 
-The normaliser is fitted on the training trajectories only, on samples as the training sees them, noise included. Inputs
-get mean and standard deviation of each feature. The output has a natural zero, and gets one scale for its three
-components, its root mean square over free nodes, so that the loss is proportional to the squared error in metres (or units c): with
-one scale each, a sideways velocity that is nothing but rounding would weigh as much as the bending.
+Bodies in a plane have D = 2 coordinates, others D = 3. Of a flow u above is the velocity at nodes that stay, and only the first row
+is there. Further fields, stress or pressure (graphs/layout.py), are told beside y as they are in frame f, on all nodes of the body.
 
-Legend: N nodes, T frames, F features. Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 for the correction.
+The normaliser (scales.py) is fitted on the training trajectories only, on samples as the training sees them, noise included.
+
+Legend: N nodes, T frames, D space dimensions, O = D + numbers of further fields.
+Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 for the correction.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -45,8 +47,11 @@ from tqdm import tqdm
 
 from datagen.files.trajectory import Trajectory, problems, read_trajectory
 from learning.config import TrainConfig
+from learning.graphs.flow import flow_graph
 from learning.graphs.graph import Graph, Skeleton, build_graph, build_skeleton
+from learning.graphs.layout import SOLID_BODY, Layout, layout_of, moves
 from learning.samples.estimate import Estimate, estimate
+from learning.samples.scales import INPUTS, Moments, Normaliser
 from learning.segments.clusters import clusters_of
 from learning.segments.cut import segment
 from learning.segments.quality import auto_segment
@@ -56,7 +61,6 @@ FIT_FRAMES = 1000
 OFTENEST = 5.0  # times the mean that a frame may be drawn on account of its error
 SMALLEST = 1e-8  # [m] unit of a frame whose estimate leaves no force over
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"), "fidelity", "estimates")
-INPUTS = ("node", "mesh_edge", "contact_edge")
 
 
 @dataclass(frozen=True)
@@ -65,65 +69,58 @@ class Example:
 
     targets: (F,) the frames to predict, ascending, none of them 0
     estimate: of the targets; None where the config wants none
+    layout: what of it is seen and predicted
     """
 
     trajectory: Trajectory
     skeleton: Skeleton
     targets: NDArray[np.int64]
     estimate: Estimate | None
+    layout: Layout = SOLID_BODY
+
+    @property
+    def states(self) -> NDArray[np.float32]:
+        """(T, N, D) displacement [m], or velocity [m/s] of a flow."""
+        return self.layout.states(self.trajectory)
+
+    @cached_property
+    def asked(self) -> Tensor:
+        """(N, O) True on the numbers that are predicted."""
+        return torch.from_numpy(self.layout.asked(self.trajectory))
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What a frame is predicted from: its graph, base (N, 3) [m] and unit [m], see the module."""
+    """What a frame is predicted from: its graph, base (N, D) [m] and unit [m], see the module."""
 
     graph: Graph
     base: NDArray[np.float64]
     unit: float
 
 
-@dataclass(frozen=True)
-class Normaliser:
-    """(2, F) mean and standard deviation of the features of nodes and edges; (1,) scale of the velocity [m]."""
-
-    node: Tensor
-    mesh_edge: Tensor
-    contact_edge: Tensor
-    velocity: Tensor
-
-    def graph(self, graph: Graph) -> Graph:
-        """The graph with its features scaled."""
-        scaled = {name: (getattr(graph, name) - getattr(self, name)[0]) / getattr(self, name)[1] for name in INPUTS}
-        return replace(graph, scale=(self.mesh_edge, self.contact_edge), **scaled)
-
-    def to(self, device: torch.device) -> Normaliser:
-        return Normaliser(**{name: value.to(device) for name, value in self.tensors().items()})
-
-    def tensors(self) -> dict[str, Tensor]:
-        """The four tables by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-
-def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: bool = False) -> list[Example]:
+def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: bool = False,
+                  layout: Layout | None = None) -> list[Example]:
     """Read and segment trajectory files.
 
     Raises `InputError` for none at all, for one damaged, of a single frame or without a free node, and for a set in which nothing moves.
 
     walk: the examples are to be walked through, which for scheme = "step" takes every frame
+    layout: what is seen and predicted; by default what this set has
     """
     if not files:
         raise InputError("no trajectory files given")
     examples, trajectories = [], [_trajectory(path) for path in files]
-    if not walk and not any(each.displacement[:, each.free].any() for each in trajectories):
+    layout = layout or layout_of(trajectories, config.outputs.fields)
+    if not (walk or layout.flow or any(map(moves, trajectories))):
         others = ", ".join(trajectories[0].fields)
         raise InputError(f"nothing moves in this set: the displacement of every free node of its {len(files)} trajectories is zero, and "
                          f"that is what a network learns{f'; not {others}, which is there' if others else ''}")
     for path, trajectory in zip(tqdm(files, desc="load", disable=None, leave=False), trajectories, strict=True):
-        last = len(trajectory.displacement) - 1
-        count = last if walk and config.scheme == "step" else min(config.frames or last, last)
-        targets = np.linspace(0, last, count + 1).round().astype(np.int64)[1:]
+        first, last = layout.first(trajectory), len(trajectory.displacement) - 1
+        count = last - first if walk and config.scheme == "step" else min(config.frames or last, last - first)
+        targets = np.linspace(first, last, count + 1).round().astype(np.int64)[1:]
         try:
-            examples.append(build_example(trajectory, config, targets=targets, cache=CACHE))
+            examples.append(build_example(trajectory, config, targets=targets, cache=CACHE, layout=layout))
         except (InputError, FloatingPointError) as error:
             raise InputError(f"{path}: {error}") from None
     return examples
@@ -143,19 +140,27 @@ def _trajectory(path: str | Path) -> Trajectory:
 
 
 def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArray[np.int64] | None = None,
-                  cache: Path | None = None) -> Example:
+                  cache: Path | None = None, layout: Layout | None = None) -> Example:
     """Segment a trajectory in memory and collect what its graphs have in common.
 
     Args:
-        targets: the frames to predict, ascending; all but frame 0 by default
+        targets: the frames to predict, ascending; all after the one that a rollout starts from by default
         cache: folder of estimates made before
+        layout: what is seen and predicted; by default what this trajectory has
+
+    Raises:
+        InputError: a mesh that cannot be cut, a trajectory of another layout, a scheme that flows do not know
     """
+    layout = layout or layout_of([trajectory], config.outputs.fields)
+    layout.check(trajectory)
+    if layout.flow and (config.scheme != "step" or config.history or config.estimate):
+        raise InputError('a flow is predicted step by step: scheme = "step", without history and estimate')
     if targets is None:
-        targets = np.arange(1, len(trajectory.displacement))
+        targets = np.arange(layout.first(trajectory) + 1, len(trajectory.displacement))
     wants, label = config.network.wants, segments_of(trajectory, config)
-    skeleton = build_skeleton(trajectory, label, overlap=config.overlap, walk=wants.walk, levels=wants.levels)
+    skeleton = build_skeleton(trajectory, label, overlap=config.overlap, walk=wants.walk, levels=wants.levels, layout=layout)
     found = estimate(trajectory, targets, cache=cache) if config.estimate else None
-    return Example(trajectory, skeleton, targets, found)
+    return Example(trajectory, skeleton, targets, found, layout)
 
 
 def segments_of(trajectory: Trajectory, config: TrainConfig) -> NDArray[np.int32]:
@@ -175,13 +180,16 @@ def describe(example: Example, target: int, now: NDArray[np.floating], before: N
 
     Args:
         target: 1 .. T - 1; with an estimate, one of the example's targets
-        now, before: (N, 3) displacements [m] one and two frames before; read by scheme = "step" alone
+        now, before: (N, D) states one and two frames before; read by scheme = "step" alone
     """
     skeleton, free = example.skeleton, example.skeleton.free[:, None]  # (N, 1)
-    given = example.trajectory.displacement[target].astype(np.float64)
+    given = example.states[target].astype(np.float64)
+    if example.layout.flow:
+        shown = np.asarray(now, np.float64)
+        return Sample(flow_graph(skeleton, np.where(free, shown, given)), shown, 1.0)
     base, unit = np.zeros_like(given), 1.0
     if example.estimate is not None:
-        base[:], answer = example.estimate.at(target)
+        base[:], answer = (found[:, :example.layout.space] for found in example.estimate.at(target))
         unit = unit_of(answer, skeleton.free)
     if config.scheme == "pose":
         shown, velocity = np.where(free, base, given), np.zeros_like(given)
@@ -205,20 +213,21 @@ def unit_of(answer: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
 
 
 def sample(example: Example, frame: int, config: TrainConfig, generator: torch.Generator) -> tuple[Graph, Tensor]:
-    """The graph from which the frame after a given one is predicted, and what a network should say (N, 3) in the sample's unit.
+    """The graph from which the frame after a given one is predicted, and what a network should say (N, O), its state in the sample's unit.
 
     Args:
         frame: from 0 to T - 2; for scheme = "step" it is the one that is shown, disturbed
         config: its scheme, contact_radius and noise are used; without noise the frame and the generator are left alone
     """
-    displacement, free = example.trajectory.displacement, example.skeleton.free
-    now = displacement[frame].astype(np.float64)
+    states, free = example.states, example.skeleton.free
+    now = states[frame].astype(np.float64)
     if config.noise and config.scheme == "step":
         disturbance = config.noise * torch.randn(now.shape, generator=generator).numpy()
         now = now + np.where(free[:, None], disturbance, 0.0)
-    shown = describe(example, frame + 1, now, displacement[max(frame - 1, 0)], config)
-    target = (displacement[frame + 1] - shown.base) / shown.unit
-    return shown.graph, torch.from_numpy(target.astype(np.float32))
+    shown = describe(example, frame + 1, now, states[max(frame - 1, 0)], config)
+    target = (states[frame + 1] - shown.base) / shown.unit
+    beside = example.layout.beside(example.trajectory, frame + 1)
+    return shown.graph, torch.from_numpy(np.concatenate([target.astype(np.float32), beside], axis=1))
 
 
 def fit_normaliser(examples: Sequence[Example], config: TrainConfig) -> Normaliser:
@@ -226,46 +235,19 @@ def fit_normaliser(examples: Sequence[Example], config: TrainConfig) -> Normalis
     frames = all_frames(examples)
     frames = frames[np.unique(np.linspace(0, len(frames) - 1, FIT_FRAMES).astype(int))]
     generator = torch.Generator().manual_seed(0)
-    moments = {name: Moments() for name in (*INPUTS, "velocity")}
+    layout, moments = examples[0].layout, {name: Moments() for name in (*INPUTS, "velocity", "fields")}
     for which, frame in frames.tolist():
-        graph, velocity = sample(examples[which], frame, config, generator)
+        graph, target = sample(examples[which], frame, config, generator)
         for name in INPUTS:
             moments[name].add(getattr(graph, name))
-        moments["velocity"].add(velocity[torch.from_numpy(examples[which].skeleton.free)].reshape(-1, 1))
-    floor = 1e-6 * float(moments["mesh_edge"].mean[3])
+        state, beside = target.split([layout.space, sum(layout.sizes)], dim=1)
+        moments["velocity"].add(state[torch.from_numpy(examples[which].skeleton.free)].reshape(-1, 1))
+        moments["fields"].add(beside[torch.from_numpy(examples[which].trajectory.body)])
+    floor = 1e-6 * float(moments["mesh_edge"].mean[layout.space])
     scale = moments["velocity"].mean_square.sqrt().float()
     tables = {name: moments[name].table(floor) for name in INPUTS}
-    return Normaliser(**tables, velocity=torch.where(scale > floor, scale, 1.0))
-
-
-class Moments:
-    """Running count, sum and sum of squares of features, in double precision."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.sum = self.square = torch.zeros(1, dtype=torch.float64)
-
-    def add(self, features: Tensor) -> None:
-        """Take in (M, F) values, M = 0 included."""
-        values = features.double()
-        self.count += len(values)
-        self.sum = self.sum + values.sum(dim=0)
-        self.square = self.square + (values * values).sum(dim=0)
-
-    @property
-    def mean(self) -> Tensor:
-        """(F,) means, zero before any value."""
-        return self.sum / max(self.count, 1)
-
-    @property
-    def mean_square(self) -> Tensor:
-        """(F,) means of the squares, zero before any value."""
-        return self.square / max(self.count, 1)
-
-    def table(self, floor: float) -> Tensor:
-        """(2, F) float32 mean and standard deviation; a deviation below the floor is rounding, not signal, and becomes 1."""
-        deviation = (self.mean_square - self.mean**2).clamp(min=0).sqrt()
-        return torch.stack([self.mean, torch.where(deviation > floor, deviation, 1.0)]).float()
+    tables["fields"] = moments["fields"].table(1e-6 * moments["fields"].mean_square.sqrt())
+    return Normaliser(**tables, velocity=torch.where(scale > floor, scale, 1.0), layout=layout)
 
 
 def all_frames(examples: Sequence[Example]) -> NDArray[np.int64]:
@@ -292,9 +274,11 @@ def chances(examples: Sequence[Example]) -> Tensor | None:
 
 
 def fingerprint(examples: Sequence[Example]) -> str:
-    """SHA-256 over rest positions and displacements: tells whether two trainings saw the same data."""
+    """SHA-256 over rest positions, displacements and further fields that are learned: tells whether two trainings saw the same data."""
     digest = hashlib.sha256()
     for example in examples:
         digest.update(np.ascontiguousarray(example.trajectory.points, "<f8").tobytes())
         digest.update(np.ascontiguousarray(example.trajectory.displacement, "<f4").tobytes())
+        for name in (*example.layout.fields, *(["velocity"] if example.layout.flow else [])):
+            digest.update(np.ascontiguousarray(example.trajectory.fields[name], "<f4").tobytes())
     return digest.hexdigest()

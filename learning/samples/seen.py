@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from datagen.files.trajectory import Trajectory
-from physics.scene import Scene
-from physics.schema import InputError
+from datagen.files.trajectory import INFLOW, Trajectory
+from physics.scene import FlowScene, Scene, read_any
+from physics.schema import InputError, parse_toml
 from physics.whole import write_whole
 
 FILE = "range.json"
@@ -46,7 +46,13 @@ def description(trajectory: Trajectory) -> dict[str, Value]:
     told: dict[str, Value] = {f"extent along {axis} [m]": float(side) for axis, side in zip("xyz", high - low, strict=True)}
     told |= {"cell size [m]": float(np.median(edges)), "nodes of the body": float(len(mesh.points)),
              "steps": float(len(trajectory.displacement) - 1), "cells": mesh.cell}
-    scene = Scene.from_toml(trajectory.scene) if trajectory.scene else None
+    known = read_any(parse_toml(trajectory.scene)) if trajectory.scene else None
+    scene = known if isinstance(known, Scene) else None
+    if "velocity" in trajectory.fields:
+        speed = np.linalg.norm(trajectory.fields["velocity"].astype(np.float64), axis=2)
+        told["fastest inflow [m/s]"] = float(speed[:, trajectory.node_kind == INFLOW].max(initial=0.0))
+    if isinstance(known, FlowScene) and known.reynolds_number is not None:
+        told["Reynolds number"] = known.reynolds_number
     if not body.all() and (scene is None or len(scene.obstacles) == 1):  # several have no path in common
         path = trajectory.displacement[:, ~body].astype(np.float64).mean(axis=1)  # (T, 3)
         size = np.ptp(trajectory.points[~body], axis=0).min()

@@ -34,8 +34,8 @@ SMALLEST = 1e-6  # of the beam's length, of a depth that is divided by
 @dataclass(frozen=True)
 class Seen:
     """Some poses of one beam: pose (P, A) and section (P, S, B) features; base (P, S, 3, 6) [m], unit (P, S) [m]
-    depth (P,) [m] of the obstacle, and jumps (P,) True where a sphere has left its groove at a jump; force (P,) [m2] of the obstacle
-    over Young's modulus, by theory."""
+    depth (P,) [m] of the obstacle, and jumps (P,) True where a sphere has or may have left its groove at a jump; force (P,) [m2] of
+    the obstacle over Young's modulus, by theory."""
 
     pose: Tensor
     section: Tensor
@@ -92,8 +92,8 @@ def _pose(beam: Beam, bar: Bar, obstacle: Obstacle, centre: Tensor, bent: Bent) 
                 bent.width / beam.row * ball, angle, lying * ball / height, torch.tanh(angle * lying / height), off / radius,
                 turn * bent.slope, turn * off / width, off * bent.slope / width,
                 bent.lean, torch.tanh(bent.pull), torch.tanh(bent.pull / 4), torch.tanh(bent.hold), torch.tanh(bent.hold / 4),
-                bent.lies, torch.tanh(bent.groove), (bent.groove != 0).to(one.dtype), sag[0] / depth.clamp(min=1e-3 * height),
-                sag[1] * ball / height]
+                bent.lies, torch.tanh(bent.groove), (bent.groove != 0).to(one.dtype), torch.tanh(bent.torn),
+                sag[0] / depth.clamp(min=1e-3 * height), sag[1] * ball / height]
     for k in (0.5, 1, 2):
         columns += [torch.sin(TAU * k * row), torch.cos(TAU * k * row)]
         columns += [torch.sin(TAU * k * bent.lies) * ball, torch.cos(TAU * k * bent.lies) * ball]

@@ -30,6 +30,7 @@ from learning.slender.theory import Bar
 ROUNDS = 8  # of the iteration for the touched abscissa
 SPHERE, CYLINDER = 0.5, 1.0  # of Hertz's indentation of a half-space; of F (1 - nu^2) / (E w)
 SMALL = 1e-12
+SHIFT, TORN = 0.05, 0.4  # distances of rows: by how much a pull may be off; apart, for such pulls, where a body may be on either branch
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,9 @@ class Bent:
     deflection, rotation, drawn_in, aside, turn: (P, S) of the sections; `rotation` about y and `turn` about x are angles
     lean, pull, hold, lies, groove: (P,) of a sphere, M = b / (2 r): m / M; Z from the nodes of its groove, C M and z from those nodes, in
         distances of rows; how many grooves it moved on
-    jumps: (P,) True where it has left the place where it first lay at a jump: a body that did so snapped, when exactly is not known
+    torn: (P,) of a sphere, how far apart pulls SHIFT to either side put the body sideways, in distances of rows
+    jumps: (P,) True where it has left the place where it first lay at a jump, and where it may (`torn` past TORN): a body that did so
+        snapped, when exactly is not known
     """
 
     touch: Tensor
@@ -80,6 +83,7 @@ class Bent:
     hold: Tensor
     lies: Tensor
     groove: Tensor
+    torn: Tensor
     jumps: Tensor
 
 
@@ -128,7 +132,7 @@ def press(x: Tensor, centre: Tensor, obstacle: Obstacle, bar: Bar) -> Bent:
                 rotation=torch.atan(force[:, None] * p), drawn_in=bar.drawn_in(x, deflection),
                 aside=sideways[:, None] * _lying(here, at, bar), turn=torque[:, None] * bar.twist(here, at),
                 lean=lean, pull=groove[0], hold=groove[1], lies=groove[2], groove=groove[3],
-                jumps=groove[4] > 0)
+                torn=groove[4], jumps=groove[5] > 0)
 
 
 def _indentation(force: Tensor, obstacle: Obstacle, bar: Bar) -> Tensor:
@@ -144,17 +148,17 @@ def _lying(x: Tensor, a: Tensor, bar: Bar) -> Tensor:
     return bar.lying.bend(x, a)[0] * (bar.second_moment / bar.lying.second_moment)
 
 
-Answer = tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor, Tensor, Tensor, Tensor]]
+Answer = tuple[Tensor, Tensor, Tensor, tuple[Tensor, ...]]
 
 
 def _flat(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
     """Lean, force to the side and torque (P,) of a cylinder; it knows no grooves across."""
     lean, none = torch.tan(slope) * torch.tan(torch.as_tensor(obstacle.turn, dtype=a.dtype)), torch.zeros_like(a)
-    return lean, force * lean, -torch.atan(lean) / bar.twist(a, a), (none, none, none, none, none)
+    return lean, force * lean, -torch.atan(lean) / bar.twist(a, a), (none,) * 6
 
 
 def _grooved(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
-    """Lean m / M, force to the side and torque (P,) of a sphere, and what its grooves say: pull, hold, and how many it moved on."""
+    """Lean m / M, force to the side and torque (P,) of a sphere, and what its grooves say: from pull to jumps of `Bent`."""
     most, arm = obstacle.row / (2 * obstacle.radius), obstacle.radius + bar.height / 2
     sideways, twist = _lying(a, a, bar), bar.twist(a, a)
     lever = arm - sideways * force
@@ -162,8 +166,10 @@ def _grooved(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Ten
     pull = (beside * (1 - lever * turn) - obstacle.nodes) / obstacle.row
     hold = (sideways * force + lever**2 * turn) * most / obstacle.row + SMALL
     lean, lies, moved, jumped = held(pull, hold, width / obstacle.row, obstacle.first)
+    torn = torn_apart(pull, hold, width / obstacle.row, obstacle.first)
     angle = turn * (beside + most * lean * lever)
-    return lean, force * (most * lean - angle), angle / twist, (pull - 2 * moved, hold, lies, moved, jumped.to(a.dtype))
+    jumps = (jumped | (torn > TORN)).to(a.dtype)
+    return lean, force * (most * lean - angle), angle / twist, (pull - 2 * moved, hold, lies, moved, torn, jumps)
 
 
 # The law of a groove, read off 2000 frames of finite elements (docs/network.md): half-width of the touch in distances of rows -> k, g.
@@ -215,3 +221,13 @@ def held(pull: Tensor, hold: Tensor, width: Tensor, first: float | Tensor) -> tu
     z = torch.where(stiff & (z < foot), low, z).clamp(-1, 1)
     m = torch.minimum(torch.maximum(steep * (z - start), -2 * z), 2 * (1 - z))
     return side * m, side * z, moved, ~stiff & ((moved != 0) | (side != begun))
+
+
+def torn_apart(pull: Tensor, hold: Tensor, width: Tensor, first: float | Tensor) -> Tensor:
+    """(P,) how far apart the body lies sideways, in distances of rows, for pulls SHIFT less and SHIFT more; arguments as of `held`.
+
+    Theory knows a pull to some hundredths of a row, so that a body may lie in either place.
+    """
+    first = torch.as_tensor(first, dtype=pull.dtype).expand_as(pull)
+    lean = held(torch.cat([pull - SHIFT, pull + SHIFT]), hold.repeat(2), width.repeat(2), first.repeat(2))[0].unflatten(0, (2, -1))
+    return hold * (lean[1] - lean[0]).abs()

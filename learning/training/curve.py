@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import sys
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from physics.whole import write_whole
 
@@ -49,6 +51,12 @@ class Curve:
             for name, value in values.items():
                 if value is not None:
                     self._board.add_scalar(name, value, step)
+
+
+def read_curve(folder: Path) -> list[dict[str, Any]]:
+    """The lines of a run's curve, as far as they are whole; none without one."""
+    path = folder / "curve.jsonl"
+    return [json.loads(line) for line in _kept(path, sys.maxsize)] if path.exists() else []
 
 
 def _kept(path: Path, step: int) -> list[str]:

@@ -70,7 +70,7 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
     made = sum(float(example.trajectory.extra.get("seconds", 0.0)) for example in examples)
     about = About(to_table(config), fingerprint(examples), _versions(), made)
     torch.manual_seed(config.seed)
-    network = build(config.network).to(device)
+    network = build(config.network, examples[0].layout.widths).to(device)
     optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
     generator = torch.Generator().manual_seed(config.seed)
     if not resume:

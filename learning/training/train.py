@@ -1,6 +1,6 @@
 """Train a network on trajectory files: one straight loop that can be stopped at any moment and resumed to the same weights.
 
-    loss = mean over free nodes and components of (network(graph) - v / scale)^2
+    loss = mean over free nodes and components of (network(graph) - v / scale)^2, over further fields where they are asked for
 
 with Adam. Each step draws batch_size frames, with replacement, from all training frames, some more often where estimates are
 corrected (samples.chances); noise is drawn afresh (samples/samples.py).
@@ -34,7 +34,8 @@ from learning.graphs.graph import Graph, join
 from learning.networks.blocks import products
 from learning.prediction.memory import keep_freed_memory
 from learning.prediction.rollout import rollout_error
-from learning.samples.samples import Example, Normaliser, all_frames, chances, load_examples, sample
+from learning.samples.samples import Example, all_frames, chances, load_examples, sample
+from learning.samples.scales import Normaliser
 from learning.samples.seen import seen, write_seen
 from learning.training.curve import Curve
 from learning.training.processes import Processes, processes
@@ -76,7 +77,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         if begun and not resume:
             raise InputError(f"{out} holds a training already: resume it, or choose another folder")
         examples = load_examples(files_train, config)
-        examples_valid = load_examples(files_valid, config, walk=True) if files_valid else []
+        examples_valid = load_examples(files_valid, config, walk=True, layout=examples[0].layout) if files_valid else []
         run = set_up(config, examples, out, resume=begun, device=where)
         if group.first:
             write_whole(out / "config.toml", tomli_w.dumps(run.about.config).encode())
@@ -142,23 +143,23 @@ def progress(config: TrainConfig, step: int, seconds: float) -> float:
 
 def draw(examples: Sequence[Example], frames: NDArray[np.int64], chance: Tensor | None, config: TrainConfig,
          generator: torch.Generator) -> list[tuple[Graph, Tensor, Tensor]]:
-    """A batch: of each sample its graph, its target (N, 3) and which of its nodes are free (N,)."""
+    """A batch: of each sample its graph, its target (N, O) and which of these numbers are asked for."""
     if chance is None:
         picked = torch.randint(len(frames), (config.batch_size,), generator=generator)
     else:
         picked = torch.multinomial(chance, config.batch_size, replacement=True, generator=generator)
     drawn = frames[picked.numpy()].tolist()
-    return [(*sample(examples[which], frame, config, generator), torch.from_numpy(examples[which].skeleton.free)) for which, frame in drawn]
+    return [(*sample(examples[which], frame, config, generator), examples[which].asked) for which, frame in drawn]
 
 
 def _step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
           batch: list[tuple[Graph, Tensor, Tensor]], group: Processes) -> float:
     """One step of Adam on one batch; returns its loss."""
-    components = 3 * sum(int(free.sum()) for _, _, free in batch)
+    components = sum(int(asked.sum()) for _, _, asked in batch)
     graphs, targets, masks = zip(*batch[group.rank::group.count], strict=True)
     device = normaliser.velocity.device
     predicted = learner(normaliser.graph(join(graphs).to(device)))
-    errors = (predicted - torch.cat(targets).to(device) / normaliser.velocity)[torch.cat(masks).to(device)]
+    errors = (predicted - normaliser.target(torch.cat(targets).to(device)))[torch.cat(masks).to(device)]
     loss: Tensor = errors.square().sum() / components  # this process's part
     optimizer.zero_grad()
     (group.count * loss).backward()  # of which the processes' mean is taken

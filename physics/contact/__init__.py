@@ -1,6 +1,9 @@
 """Where are the obstacles, and what do they do to the body?
 
-    obstacles    shapes: distance, normal, curvature, extents; one of them on its path
+    obstacles    one on its path
+    shapes       what they look like: distance, normal, curvature, extents
+    tool         any closed surface of triangles, its distance made smooth
+    closed       the exact distance to such a surface
     surfaces     their surfaces as meshes
     points       where on the body's surface it is felt
     several      many of them, felt as one

@@ -212,7 +212,8 @@ def contact_said(scene: Scene) -> str:
     if not scene.obstacles:
         return "none: the scene has no obstacle"
     points = {"facets": "points of the surface facets", "nodes": "surface nodes"}
-    said = [f"{'frictionless ' * (not i)}at {points[one.contact]}, rigid {one.shape}" for i, one in enumerate(scene.obstacles)]
+    said = [f"{'frictionless ' * (not i)}at {points[one.contact]}, rigid {one.shape}{f' ({one.source})' if one.source else ''}"
+            for i, one in enumerate(scene.obstacles)]
     return f"{'; '.join(said)}; nothing is solved before {'it' if len(said) == 1 else 'one'} touches"
 
 

@@ -3,5 +3,8 @@
     figures   what each figure is called, its unit, what it is, and what all of them say
     verify    its error, residual force, energy, penetration, reaction and mesh, against the scene it is of
     starts    where the steps of a frame begin
+    currents  the equations of a flow at its stored nodes
+    carried   a stored flow at other points
+    flow      how good a predicted flow is
     correct   what Newton steps make of it
 """

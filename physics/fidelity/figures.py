@@ -6,7 +6,7 @@ Values are in SI units, under the names of `verify.Fidelity`; people see them un
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,9 +85,51 @@ MESH = {
         "scaled Jacobian", "", "1", 1, "smallest over all cells, steps and trajectories: 1 in a perfect cell, 0 in a flat one"),
     "inverted_elements": Column("inverted", "", "1", 1, "most cells that are turned inside out in one frame"),
 }
+FLOW = {
+    "velocity_rmse_1": Column(
+        "RMSE-1", "m/s", "m/s", 1, "of a component of the velocity, inside and at the outflow, after one step from the true state; "
+        "without such steps after the first one"),
+    "velocity_rmse_50": Column("RMSE-50", "m/s", "m/s", 1, "the same over steps 1 to 50 of a rollout"),
+    "velocity_rmse_all": Column("RMSE-all", "m/s", "m/s", 1, "the same over all steps. The figure to compare by"),
+    "pressure_rmse_50": Column("pressure RMSE-50", "Pa", "Pa", 1, "of the pressure at all nodes, steps 1 to 50 of a rollout"),
+    "pressure_rmse_all": Column("pressure RMSE-all", "Pa", "Pa", 1, "the same over all steps"),
+    "divergence": Column("divergence", "1/s", "1/s", 1, "root mean square over the domain and the checked frames"),
+    "momentum_residual": Column(
+        "momentum residual", "", "1", 1, "what is missing in the momentum equation, in its weak norm, over density x speed² x root of the "
+        "area; root mean square over the checked frames. Needs no reference"),
+    "slip": Column("slip", "m/s", "m/s", 1, "largest difference to the velocity that is given at walls and inlets"),
+    "flux_error": Column("flux error", "", "1", 1, "largest of all sections and checked frames, over the largest inflow"),
+    "drag_error": Column("drag error", "", "1", 1, "root mean square over the checked frames, over the largest drag"),
+    "lift_error": Column("lift error", "", "1", 1, "the same of the lift, over the largest or a hundredth of the drag"),
+    "kinetic_energy_error": Column("kinetic energy error", "", "1", 1, "the same, over the largest"),
+    "strouhal": Column("Strouhal number", "", "1", 1, "of the lift in the second half; a dash where nothing sheds"),
+    "strouhal_error": Column("Strouhal error", "", "1", 1, "over that of the truth"),
+    "spectrum_error": Column(
+        "spectrum error", "", "1", 1, "of the amplitudes of the velocity across, one, two and four diameters behind the cylinder, over "
+        "those of the truth"),
+}
 FIGURES = ERROR | PUBLISHED | PHYSICS | MESH
-AT_ONCE = [key for key in PUBLISHED if "by_step" not in key]
-EXTREMES = {"largest_penetration": max, "smallest_det_f": min, "smallest_scaled_jacobian": min, "inverted_elements": max}
+FIELD_UNITS = {"stress": "Pa", "von_mises": "Pa", "pressure": "Pa", "velocity": "m/s"}
+AT_ONCE = [key for key in (*PUBLISHED, *FLOW) if "rmse_" in key and "by_step" not in key]
+EXTREMES = {"largest_penetration": max, "smallest_det_f": min, "smallest_scaled_jacobian": min, "inverted_elements": max, "slip": max,
+            "flux_error": max}
+
+
+def of_field(name: str) -> str:
+    """The key of a further field's error."""
+    return f"rmse_all:{name}"
+
+
+def field_columns(keys: Iterable[str]) -> dict[str, Column]:
+    """The figures of further fields among some keys."""
+    found = {}
+    for key in dict.fromkeys(keys):
+        if key.startswith(of_field("")):
+            name = key.partition(":")[2]
+            unit = FIELD_UNITS.get(name, "")
+            found[key] = Column(f"RMSE-all of {name}", unit, unit or "1", 1,
+                                f"root of the mean square over all steps, numbers and <b>all</b> nodes of the body, of the error of {name}")
+    return found
 
 
 def gathered(each: Sequence[dict[str, Any]]) -> dict[str, float]:
@@ -96,7 +138,7 @@ def gathered(each: Sequence[dict[str, Any]]) -> dict[str, float]:
     found = {}
     for key in each[0]:
         values = [float(figures[key]) for figures in each if not math.isnan(figures[key])]
-        together = EXTREMES.get(key, _root_mean_square if key in AT_ONCE else _mean)
+        together = EXTREMES.get(key, _root_mean_square if key.partition(":")[0] in AT_ONCE else _mean)
         found[key] = float(together(values)) if values else math.nan
     return found
 
@@ -128,6 +170,22 @@ def verdict(figures: dict[str, Any], still: dict[str, Any]) -> str:
     if not math.isnan(figures["inverted_elements"]):  # plane cells have none
         inverted = int(figures["inverted_elements"])
         parts.append(f"{inverted or 'no'} cell{'s are' if inverted > 1 else ' is'} turned inside out")
+    return f"{'; '.join([said, ', '.join(parts)] if parts else [said])}."
+
+
+def verdict_of_flow(figures: dict[str, Any], idle: dict[str, Any]) -> str:
+    """What the figures say of a predicted flow, in one sentence, beside those of one that stays as it is shown."""
+    error, still = figures["velocity_rmse_all"], idle["velocity_rmse_all"]
+    if not still:
+        said = f"The truth does not change; the prediction is {shown(error)} m/s off"
+    elif not error:
+        said = "No different from the truth"
+    elif error < still:
+        said = f"Better than if nothing changed: {shown(error)} m/s off, {shown(still / error)} times closer"
+    else:
+        said = f"No better than if nothing changed: {shown(error)} m/s off, {shown(error / still)} times as far"
+    parts = [f"{name} {shown(100 * figures[key])} % off" for key, name in (("drag_error", "drag"), ("flux_error", "the flux up to"))
+             if not math.isnan(figures[key])]
     return f"{'; '.join([said, ', '.join(parts)] if parts else [said])}."
 
 

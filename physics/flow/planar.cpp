@@ -1,44 +1,8 @@
-/* The multifrontal Cholesky factor of a dissected plane mesh with one unknown a node; planar.py says what the tables hold. */
+/* Triangular solves with the Cholesky factor of a dissected plane mesh with one unknown a node; planar.py says what the tables hold. */
 #include <cstdint>
 #include <cstring>
 typedef int64_t I;
 struct Part { I s, b, panel, first, boundary, child, last, made, kept; };
-typedef void (*Potrf)(const char *, const int *, double *, const int *, int *);
-typedef void (*Trsm)(const char *, const char *, const char *, const char *, const int *, const int *, const double *, const double *,
-                     const int *, double *, const int *);
-typedef void (*Syrk)(const char *, const char *, const int *, const int *, const double *, const double *, const int *, const double *,
-                     double *, const int *);
-
-/* Panels (s + b, s), by columns, hold K's lower entries and become L's; returns 1 + the part that has no factor, or 0. */
-extern "C" I factor(I parts, const Part *part, const I *children, const int32_t *place, double *panels, double *work, Potrf potrf,
-                    Trsm trsm, Syrk syrk) {
-  const double one = 1, minus = -1;
-  for (I t = 0; t < parts; ++t) {
-    const Part p = part[t];
-    const int s = p.s, b = p.b, f = s + b;
-    double *F = panels + p.panel, *U = work + p.made;
-    memset(U, 0, sizeof(double) * b * b);
-    for (I i = p.child; i < p.last; ++i) {
-      const Part c = part[children[i]];
-      const int32_t *at = place + c.boundary;  /* where its boundary nodes stand in this part */
-      const double *from = work + c.kept;
-      for (I j = 0; j < c.b; ++j, from += c.b) {
-        double *to = at[j] < s ? F + I(at[j]) * f : U + I(at[j] - s) * b - s;
-        for (I r = j; r < c.b; ++r) to[at[r]] += from[r];
-      }
-    }
-    int info = 0;
-    if (s) potrf("L", &s, F, &f, &info);
-    if (info) return t + 1;
-    if (!b) continue;
-    if (s) {
-      trsm("R", "L", "T", "N", &b, &s, &one, F, &f, F + s, &f);
-      syrk("L", "N", &b, &s, &minus, F + s, &f, &one, U, &b);
-    }
-    memmove(work + p.kept, U, sizeof(double) * b * b);
-  }
-  return 0;
-}
 
 /* x := L^-T L^-1 x for K right-hand sides of n numbers each; the vectors of a part lie in `scratch`, `most` numbers each. */
 template <int K> static void through(I parts, const Part *part, const int32_t *boundary, const double *panels, double *x, I n,

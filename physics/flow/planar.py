@@ -2,8 +2,8 @@
 
 The cells are halved again and again, across their longest extent; the nodes that both halves have are a separator. With elements
 of order k it holds k nodes for each edge that it runs along, so nothing is cut through. Every half is numbered before its
-separator (George, SIAM J. Numer. Anal. 10, 1973), and the factor made part by part as in linalg/dissection.py, whose tables these
-are with one unknown a node in place of three. One numbering serves every matrix on the mesh: a factor is only its numbers.
+separator (George, SIAM J. Numer. Anal. 10, 1973), and the factor made by linalg/dissection.py, whose tables these are, with one
+unknown a node in place of three. One numbering serves every matrix on the mesh: a factor is only its numbers.
 
 Legend: N unknowns, C cells, n nodes of a cell, P parts, k right-hand sides.
 """
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.linalg.dissection import Dissection, blas, laid_out
+from physics.linalg.dissection import Dissection, factored, laid_out
 from physics.linalg.native import aligned, compiled, pointer
 
 Floats = NDArray[np.float64]
@@ -50,7 +50,6 @@ class Numbering:
         rows, columns = (np.broadcast_to(a, (*cells.shape, cells.shape[1])) for a in (place[:, :, None], place[:, None, :]))
         self._slot = np.where((rows >= columns) & (columns >= 0), _slots(d, rows, columns), d.numbers).ravel()
         self._library = compiled(SOURCE)
-        self._library.factor.restype = ctypes.c_int64
         self._most = -(-int((d.part["own"] + d.part["rest"]).max(initial=1)) // 8) * 8
         self._scratch, self._x = aligned(2 * self._most), aligned(2 * len(self.order))
         self._tree = (ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.boundary))
@@ -62,10 +61,7 @@ class Numbering:
         d = self._dissection
         values, work = aligned(d.numbers + 1), aligned(d.memory)
         values[:] = np.bincount(self._slot, blocks.ravel(), d.numbers + 1)
-        failed = self._library.factor(
-            ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.children), pointer(d.at), pointer(values), pointer(work),
-            blas("dpotrf"), blas("dtrsm"), blas("dsyrk"))
-        if failed or not np.isfinite(values.sum()):
+        if not factored(d, values, work, each=1) or not np.isfinite(values.sum()):
             raise NotPositive(f"a matrix of {len(d.order)} unknowns is not positive definite")
         return Factor(self, values)
 

@@ -16,9 +16,9 @@ typedef void (*Gemv)(const char *, const int *, const int *, const double *, con
 static const double one = 1, none = 0, minus = -1;
 static const int unit = 1;
 
-/* Panels (s + b, s), by columns, hold K's lower entries and become L's; returns 1 + the part that has no factor, or 0. */
-extern "C" I factor(I parts, const Part *part, const I *children, const int32_t *place, double *panels, double *work, Potrf potrf,
-                    Trsm trsm, Syrk syrk) {
+/* With W unknowns a node: panels (s + b, s), by columns, hold K's lower entries and become L's; 1 + the part without a factor, or 0. */
+template <int W> static I factored(I parts, const Part *part, const I *children, const int32_t *place, double *panels, double *work,
+                                   Potrf potrf, Trsm trsm, Syrk syrk) {
   for (I t = 0; t < parts; ++t) {
     const Part p = part[t];
     const int s = p.s, b = p.b, f = s + b;
@@ -28,24 +28,32 @@ extern "C" I factor(I parts, const Part *part, const I *children, const int32_t 
       const Part c = part[children[i]];
       const int32_t *at = place + c.boundary;  /* where its boundary nodes stand in this part */
       const double *from = work + c.kept;
-      for (I j = 0; j < c.b / 3; ++j)
-        for (int k = 0; k < 3; ++k, from += c.b) {
-          const I column = 3 * I(at[j]) + k;
+      for (I j = 0; j < c.b / W; ++j)
+        for (int k = 0; k < W; ++k, from += c.b) {
+          const I column = W * I(at[j]) + k;
           double *to = column < s ? F + column * f : U + (column - s) * b - s;
-          for (int d = k; d < 3; ++d) to[3 * I(at[j]) + d] += from[3 * j + d];
-          for (I r = j + 1; r < c.b / 3; ++r)
-            for (int d = 0; d < 3; ++d) to[3 * I(at[r]) + d] += from[3 * r + d];
+          for (int d = k; d < W; ++d) to[W * I(at[j]) + d] += from[W * j + d];
+          for (I r = j + 1; r < c.b / W; ++r)
+            for (int d = 0; d < W; ++d) to[W * I(at[r]) + d] += from[W * r + d];
         }
     }
     int info = 0;
-    potrf("L", &s, F, &f, &info);
+    if (s) potrf("L", &s, F, &f, &info);
     if (info) return t + 1;
     if (!b) continue;
-    trsm("R", "L", "T", "N", &b, &s, &one, F, &f, F + s, &f);
-    syrk("L", "N", &b, &s, &minus, F + s, &f, &one, U, &b);
+    if (s) {
+      trsm("R", "L", "T", "N", &b, &s, &one, F, &f, F + s, &f);
+      syrk("L", "N", &b, &s, &minus, F + s, &f, &one, U, &b);
+    }
     memmove(work + p.kept, U, sizeof(double) * b * b);
   }
   return 0;
+}
+
+/* The same for 3 or 1 unknowns a node. */
+extern "C" I factor(int each, I parts, const Part *part, const I *children, const int32_t *place, double *panels, double *work,
+                    Potrf potrf, Trsm trsm, Syrk syrk) {
+  return (each == 3 ? factored<3> : factored<1>)(parts, part, children, place, panels, work, potrf, trsm, syrk);
 }
 
 /* X := L^-1 X for k right-hand sides, each unknown's k numbers together; `row` says where each node's unknowns stand. */

@@ -16,6 +16,7 @@ Legend: N nodes in the order of elimination, P parts, s and b unknowns (3 a node
 from __future__ import annotations
 
 import ctypes
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -163,6 +164,24 @@ def slots(dissection: Dissection, rows: Integers, columns: Integers) -> Integers
     return part["panel"] + (early - 3 * part["first"]) * (part["own"] + part["rest"]) + 3 * local + late % 3
 
 
+@functools.cache
+def _library() -> ctypes.CDLL:
+    library = compiled(SOURCE)
+    library.factor.restype = ctypes.c_int64
+    return library
+
+
+def factored(dissection: Dissection, values: Floats, work: Floats, each: int = 3) -> bool:
+    """Turn the entries in the panels' `values` into those of the factor, with 3 or 1 unknowns a node; False when there is none.
+
+    work: of `dissection.memory` numbers
+    """
+    d = dissection
+    return not _library().factor(
+        ctypes.c_int(each), ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.children), pointer(d.at), pointer(values),
+        pointer(work), blas("dpotrf"), blas("dtrsm"), blas("dsyrk"))
+
+
 class Panels:
     """The factor of a stiffness in the order of a dissection."""
 
@@ -170,18 +189,14 @@ class Panels:
         self.dissection = dissection
         self.values = np.empty(dissection.numbers + 1)  # and one number that is not used
         self._work = np.empty(dissection.memory)
-        self._library = compiled(SOURCE)
-        self._library.factor.restype = ctypes.c_int64
-        self._call = {name: blas(name) for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv", "dpotrf")}
+        self._library = _library()
+        self._call = {name: blas(name) for name in ("dtrsm", "dgemm", "dtrsv", "dgemv")}
         self._every = np.arange(len(dissection.part))
         self._rows = np.arange(len(dissection.order))
 
     def factor(self) -> bool:
         """Turn the entries in `values` into those of the factor; False when there is none."""
-        d, call = self.dissection, self._call
-        return not self._library.factor(
-            ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.children), pointer(d.at), pointer(self.values), pointer(self._work),
-            call["dpotrf"], call["dtrsm"], call["dsyrk"])
+        return factored(self.dissection, self.values, self._work)
 
     def forward(self, x: Floats, parts: Integers | None = None, rows: Integers | None = None) -> Floats:
         """L^-1 x in place, x (N', 3, k); with `parts` closed upwards, the places whose rows (N,) they say are all there is."""
@@ -224,6 +239,7 @@ class Panels:
         return (3 * np.flatnonzero(inside)[:, None] + np.arange(3)).ravel(), right
 
 
+@functools.cache
 def blas(name: str) -> ctypes.c_void_p:
     """SciPy's pointer to a routine of BLAS or LAPACK."""
     capsule = (cython_lapack if name == "dpotrf" else cython_blas).__pyx_capi__[name]

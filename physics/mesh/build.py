@@ -11,6 +11,7 @@ from physics.mesh.second import second_order
 from physics.mesh.shapes.boxes import box, rectangle
 from physics.mesh.shapes.channel import channel
 from physics.mesh.shapes.graded import graded_channel
+from physics.mesh.shapes.panel import panel
 from physics.scene import PLANE_CELLS, Body
 
 
@@ -21,6 +22,8 @@ def build_mesh(body: Body) -> Mesh:
         mesh = read_mesh(body.path, order=body.order, scale=body.scale or 1.0)
     elif body.shape == "channel":
         mesh = channel(body) if body.hole_cell_size is None else graded_channel(body)
+    elif body.shape == "panel":
+        mesh = panel(body)
     else:
         mesh = rectangle(body) if body.cell in PLANE_CELLS else box(body)
     return across(of_order(mesh, body), body)

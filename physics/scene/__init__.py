@@ -1,8 +1,10 @@
 """What is simulated: a body, its materials, its supports and loads, rigid obstacles, and the steps.
 
-    parts   the dataclasses of these, with unit and bounds of every key
+    body    the body, its materials and places, with unit and bounds of every key
+    parts   what happens to it, as well: supports, loads, obstacles, steps
     rules   which keys the shapes of bodies and obstacles need, take and refuse
     plane   what may not act across a plane body
+    surface the closed surface of an obstacle, from a file of triangles
     tables  how loads, supports and obstacles go along the steps, in the scene or in a CSV file
     change  single values changed from outside
     flow    a fluid in a domain in place of a body that deforms
@@ -12,9 +14,10 @@ A scene is a TOML file, read into frozen dataclasses. Coordinates are Cartesian 
 state. Step s = 0 .. count is a fraction s/count of the loading; it is a time only in dynamic scenes.
 """
 
+from physics.scene.body import PLACES, PLANE_CELLS, Body, Material, Materials, Orthotropic, Where
 from physics.scene.flow import FlowScene
-from physics.scene.parts import PLACES, PLANE_CELLS, Body, Load, Material, Materials, Obstacle, Orthotropic, Steps, Support, Where
-from physics.scene.scene import Scene, load_body, load_scene, load_solid, read_any, read_body, read_scene, scene_of
+from physics.scene.parts import Load, Obstacle, Steps, Support
+from physics.scene.scene import Scene, beside, load_body, load_scene, load_solid, read_any, read_body, read_scene, scene_of
 
 __all__ = ["PLACES", "PLANE_CELLS", "Body", "FlowScene", "Load", "Material", "Materials", "Obstacle", "Orthotropic", "Scene", "Steps",
-           "Support", "Where", "load_body", "load_scene", "load_solid", "read_any", "read_body", "read_scene", "scene_of"]
+           "Support", "Where", "beside", "load_body", "load_scene", "load_solid", "read_any", "read_body", "read_scene", "scene_of"]

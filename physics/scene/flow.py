@@ -23,7 +23,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from physics.scene.parts import FAR, PLANE_CELLS, Body
+from physics.scene.body import FAR, PLANE_CELLS, Body
 from physics.scene.rules import check_body, check_place, is_plane, keys_of, with_defaults
 from physics.scene.tables import check_steps
 from physics.schema import InputError, quantity, read_table, to_table
@@ -34,7 +34,12 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Fluid:
-    """A Newtonian fluid of constant density; `order` of the velocity's polynomials, of which the pressure has one less."""
+    """A Newtonian fluid of constant density; `order` of the velocity's polynomials, of which the pressure has one less.
+
+    density: kept
+    viscosity: dynamic, mu
+    order: of the velocity; chosen by what the mesh asks for when left out
+    """
 
     density: float = quantity(unit="kg/m3", above=0, at_least=1e-12, at_most=1e12)
     viscosity: float = quantity(unit="Pa s", above=0, at_least=1e-15, at_most=1e12)
@@ -43,7 +48,19 @@ class Fluid:
 
 @dataclass(frozen=True, kw_only=True)
 class Inflow:
-    """Fluid that enters, normal to a straight side; `speed` is the largest of its profile at a factor of 1."""
+    """Fluid that enters, normal to a straight side; `speed` is the largest of its profile at a factor of 1.
+
+    where: the side
+    profile: over the place, see above
+    speed: the largest of the profile
+    along: shares of the place, of a table
+    share: of the speed there
+    ramp: time until the full speed
+    period: of a speed that swings
+    mean: of the factor that swings, 0 by default
+    steps: fractions 0 .. 1 of the duration; or table = a CSV file in place of both
+    factor: of the speed at these
+    """
 
     where: str = "inlet"
     profile: str = quantity("parabola", choice=("parabola", "uniform", "table"))
@@ -87,14 +104,21 @@ class Inflow:
 
 @dataclass(frozen=True, kw_only=True)
 class Outflow:
-    """Where fluid leaves, without traction: viscosity du/dn - p n = 0, and no energy comes in with what flows back (flow/boundary.py)."""
+    """Where fluid leaves, without traction: viscosity du/dn - p n = 0, and no energy comes in with what flows back (flow/boundary.py).
+
+    where: the side
+    """
 
     where: str = "outlet"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wall:
-    """A wall that moves along itself."""
+    """A wall that moves along itself.
+
+    where: the side
+    velocity: along it
+    """
 
     where: str
     velocity: Pair = quantity(unit="m/s", **FAR)
@@ -103,7 +127,13 @@ class Wall:
 @dataclass(frozen=True, kw_only=True)
 class Force:
     """The force on a place, and what makes it a coefficient: F / (density speed^2 length / 2); the pressure at the first of two points
-    less that at the second. A channel has its hole, the hole's diameter, the mean speed of its inflow, and the hole's two ends."""
+    less that at the second. A channel has its hole, the hole's diameter, the mean speed of its inflow, and the hole's two ends.
+
+    where: the wall
+    length: of the coefficients
+    speed: of the coefficients
+    points: of the pressure difference
+    """
 
     where: str
     length: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
@@ -114,7 +144,12 @@ class Force:
 @dataclass(frozen=True, kw_only=True)
 class FlowSteps:
     """Frames 0 .. count over the duration [s]; the solver takes as many steps between them as it needs. With `stationary` there is one
-    frame beside the fluid at rest, the stationary flow at the full speed of the inflow."""
+    frame beside the fluid at rest, the stationary flow at the full speed of the inflow.
+
+    count: frames
+    duration: of all of them; needed unless stationary
+    stationary: one frame, the flow that no longer changes
+    """
 
     count: int = quantity(1, at_least=1, at_most=100_000)
     duration: float | None = quantity(None, unit="s", above=0, at_most=1e9)

@@ -29,6 +29,10 @@ def _check_obstacle(obstacle: Obstacle) -> None:
     """An obstacle must look the same from both sides of the plane."""
     if any(point[2] for point in obstacle.path):
         raise InputError("obstacle.path: leaves z = 0, where a plane body lies")
+    if obstacle.shape == "mesh":
+        raise InputError("obstacle.shape = 'mesh': a surface of triangles meets solid bodies only; take another shape for a plane one")
+    if obstacle.angle and any(obstacle.axis[:2]):
+        raise InputError(f"obstacle.axis = {list(obstacle.axis)}: beside a plane body a box turns about [0, 0, 1]")
     if obstacle.shape == "cylinder" and any(obstacle.axis[:2]):
         raise InputError(f"obstacle.axis = {list(obstacle.axis)}: beside a plane body a cylinder stands on its plane, axis = [0, 0, 1]")
     if obstacle.shape == "capsule" and obstacle.axis[2] and any(obstacle.axis[:2]):

@@ -6,19 +6,23 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.parts import KEYS, NEEDS, PLANE_CELLS, SOLID_CELLS, Body, Load, Material, Obstacle, Support, Where
+from physics.scene.body import KEYS, PLANE_CELLS, SOLID_CELLS, Body, Material, Where
+from physics.scene.parts import NEEDS, TAKES, Load, Obstacle, Support
+from physics.scene.surface import read_surface, surface_in
 from physics.scene.tables import check_steps
 from physics.schema import InputError, nearest
 
-TAKES = NEEDS | {"box": ("size", "radius")}  # besides shape, axis, path and contact
 CHANNEL = {"length": 1.6, "height": 0.41, "hole_centre": [0.2, 0.2], "hole_radius": 0.05, "cell_size": 0.02,
            "cell": "triangle"}
+PANEL = {"cell": "tetrahedron", "layers": 2}
 
 
 def with_defaults(body: Any) -> Any:
     """The table of a body with the values that its shape has when they are left out."""
     if isinstance(body, dict) and body.get("shape") == "channel":
         return CHANNEL | body
+    if isinstance(body, dict) and body.get("shape") == "panel":
+        return PANEL | body
     return body
 
 
@@ -91,7 +95,7 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
         if key not in takes:
             raise InputError(f"body.{key}: {kind} takes {', '.join(takes)}")
     for key in takes:
-        if key in ("length", "width", "height", "path") and getattr(body, key) is None:
+        if key in ("length", "width", "height", "path", "outline") and getattr(body, key) is None:
             raise InputError(f"body.{key}: missing")
     if body.cell not in (PLANE_CELLS if body.shape == "channel" else SOLID_CELLS if body.shape == "beam" else (body.cell,)):
         raise InputError(f"body.cell = {body.cell!r}: {kind} has "
@@ -105,6 +109,8 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
                          f"{body.cell!r}; leave it out")
     if body.element == "reduced" and body.order == 2:
         raise InputError("body.element = \"reduced\": for cells of first order only; leave it or order = 2 out")
+    if body.shape == "panel":
+        _check_panel(body)
     if body.shape in ("beam", "plate"):
         if (body.cells is None) == (body.cell_size is None):
             raise InputError("body: give exactly one of cells and cell_size")
@@ -124,6 +130,21 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
         if room <= 0:
             raise InputError(f"body: the hole at ({x:g}, {y:g}) m of radius {radius:g} m does not lie inside the channel of "
                              f"{length:g} x {height:g} m")
+
+
+def _check_panel(body: Body) -> None:
+    """What a panel needs; whether its outline crosses itself is seen when it is meshed."""
+    if body.cell_size is None:
+        raise InputError("body.cell_size: missing")
+    if body.cell not in ("tetrahedron", "prism"):
+        raise InputError(f"body.cell = {body.cell!r}: a panel has tetrahedron or prism cells")
+    if len(body.outline or ()) < 3 or len(set(body.outline or ())) < len(body.outline or ()):
+        raise InputError("body.outline must have three points at least, each another one")
+    if not min(body.extent[:2]) > 1e-9:
+        raise InputError("body.outline: has no width")
+    for k, (_, _, radius) in enumerate(body.holes or ()):
+        if not radius > 0:
+            raise InputError(f"body.holes[{k}] = {list((body.holes or ())[k])}: x, y and a radius above 0")
 
 
 def check_place(body: Body, where: str | Where | None, key: str) -> None:
@@ -201,7 +222,8 @@ def _check_direction(vector: tuple[float, float, float] | None, key: str) -> Non
 
 def complete(obstacle: Obstacle, where: str = "obstacle") -> Obstacle:
     """An obstacle with all that its shape needs and nothing else. Raises `InputError`."""
-    for key in ("radius", "length", "size", "normal"):
+    obstacle = _with_surface(obstacle, where)
+    for key in ("radius", "length", "size", "normal", "file", "surface", "source", "scale", "angle"):
         given = getattr(obstacle, key) is not None
         if key in NEEDS[obstacle.shape] and not given:
             raise InputError(f"{where}.{key}: missing; a {obstacle.shape} needs it")
@@ -220,4 +242,27 @@ def complete(obstacle: Obstacle, where: str = "obstacle") -> Obstacle:
     if not obstacle.path:
         raise InputError(f"{where}.path must have at least one way-point")
     check_steps(obstacle.steps, obstacle.path, where, "path")
+    return obstacle
+
+
+def _with_surface(obstacle: Obstacle, where: str) -> Obstacle:
+    """An obstacle that holds its surface, which is sound, in place of a file. Raises `InputError`."""
+    if obstacle.shape != "mesh":
+        return obstacle
+    if (obstacle.file is None) == (obstacle.surface is None):
+        raise InputError(f"{where}: a mesh has a file" + ("; a surface stands in its place" if obstacle.file else ", which is missing"))
+    try:
+        if obstacle.file is not None:
+            surface, source = read_surface(obstacle.file)
+            obstacle = replace(obstacle, file=None, surface=surface, source=source)
+        assert obstacle.surface is not None
+        points, _ = surface_in(obstacle.surface)
+    except InputError as error:
+        raise InputError(f"{where}.{'file' if obstacle.file else 'surface'}: {error}") from None
+    smallest = (obstacle.scale or 1.0) * float((points.max(axis=0) - points.min(axis=0)).min())
+    if not 1e-9 <= smallest <= 1e9:
+        raise InputError(f"{where}: {smallest:.3g} m wide; from 1e-09 to 1e+09 m are taken")
+    if obstacle.radius is not None and not smallest / 200 <= obstacle.radius <= smallest / 4:
+        raise InputError(f"{where}.radius = {obstacle.radius!r}: must be from {smallest / 200:.3g} to {smallest / 4:.3g} m, "
+                         "1/200 to 1/4 of the smallest extent")
     return obstacle

@@ -9,9 +9,10 @@ from typing import Any
 
 import tomli_w
 
+from physics.scene.body import Body, Material
 from physics.scene.change import change
 from physics.scene.flow import FlowScene, read_flow
-from physics.scene.parts import Body, Load, Material, Obstacle, Steps, Support
+from physics.scene.parts import Load, Obstacle, Steps, Support
 from physics.scene.rules import (
     check_body,
     check_load,
@@ -126,14 +127,21 @@ def _parsed(text: str) -> dict[str, Any]:
         raise InputError(f"its scene is not TOML: {error}") from None
 
 
+def beside(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A scene's table whose mesh files, of body and obstacles, are named relative to a folder, named from here."""
+    obstacles = table.get("obstacle")
+    each = obstacles if isinstance(obstacles, list) else [obstacles]
+    for part, key in ((table.get("body"), "path"), *((obstacle, "file") for obstacle in each)):
+        if isinstance(part, dict) and isinstance(part.get(key), str):
+            part[key] = str(folder / part[key])
+    return table
+
+
 def _load(path: str | Path, read: Callable[[dict[str, Any]], Any], changes: Sequence[str] = ()) -> Any:
     try:
         table = read_toml(path)
         change(table, changes)
-        body = table.get("body")
-        if isinstance(body, dict) and isinstance(body.get("path"), str):
-            body["path"] = str(Path(path).parent / body["path"])
-        return read(with_tables(table, Path(path).parent))
+        return read(with_tables(beside(table, Path(path).parent), Path(path).parent))
     except InputError as error:
         text = str(error)
         raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from None

@@ -3,6 +3,7 @@
     drawing    one body in one panel: camera, size, pixels
     page       panels with a title and a colour bar, and films of them
     pictures   what is asked for: a frame beside its truth, a path, segments, modes
+    flow       a flow, by its vorticity
     lowrank    a motion kept as a few shapes
     exhibit    what a page shows of a body in motion
     viewer     the page, one file that opens offline
@@ -13,9 +14,9 @@ Legend: N nodes of the body, M nodes of the obstacle, F facets, T frames. Length
 
 from physics.view.drawing import ObstacleSurface
 from physics.view.exhibit import Exhibit, Motion, mode_exhibit, path_exhibit
+from physics.view.flow import flow_film, flow_picture
 from physics.view.pictures import film, frame_picture, mode_film, mode_picture, mode_pictures, segment_picture, still_picture
 from physics.view.viewer import section, shell, write_page
 
-__all__ = ["Exhibit", "Motion", "ObstacleSurface", "film", "frame_picture", "mode_exhibit", "mode_film", "mode_picture", "mode_pictures",
-           "path_exhibit", "section", "segment_picture", "shell", "still_picture",
-           "write_page"]
+__all__ = ["Exhibit", "Motion", "ObstacleSurface", "film", "flow_film", "flow_picture", "frame_picture", "mode_exhibit", "mode_film",
+           "mode_picture", "mode_pictures", "path_exhibit", "section", "segment_picture", "shell", "still_picture", "write_page"]

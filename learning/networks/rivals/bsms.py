@@ -72,7 +72,7 @@ class BSMS(Network):
         self.down = nn.ModuleList([Block(hidden, widths) for _ in levels])
         self.bottom = Block(hidden, widths)
         self.up = nn.ModuleList([Block(hidden, widths) for _ in levels])
-        self.decode = MLP(hidden, hidden, widths.space, norm=False)
+        self.decode = MLP(hidden, hidden, widths.outputs, norm=False)
 
     def velocity(self, graph: Graph) -> Tensor:
         h, place, scale = self.encode(graph.node), graph.place, scale_of(graph.scale)
@@ -87,7 +87,7 @@ class BSMS(Network):
         for number, block in reversed(list(enumerate(self.up))):
             h = unpool(h, graph.levels[number], len(skips[number]))
             h = repeated(block, h, levels[number], RUNS if number == 0 else 1) + skips[number]
-        return self.decode(h)  # (N, D)
+        return self.decode(h)  # (N, D + F)
 
     @property
     def last(self) -> nn.Linear:

@@ -98,7 +98,7 @@ class Eagle(Network):
         self.norm = nn.LayerNorm(width)
         self.dispatch = Step(node + width, hidden, contact=contact, norm=False)
         self.decode = nn.Sequential(nn.Linear(hidden, hidden), nn.Tanh(), nn.Linear(hidden, hidden), nn.Tanh(),
-                                    nn.Linear(hidden, widths.space))
+                                    nn.Linear(hidden, widths.outputs))
 
     def velocity(self, graph: Graph) -> Tensor:
         clusters = len(graph.graph_of_segment)
@@ -121,7 +121,7 @@ class Eagle(Network):
             s = block(s, places, rows.present)
         s = rows.listed(self.norm(s))
         z = torch.cat([h, s[graph.segment], code], dim=1)
-        return self.decode(self.dispatch(z, e, graph.mesh_pair, w, graph.contact_pair)[0])  # (N, D)
+        return self.decode(self.dispatch(z, e, graph.mesh_pair, w, graph.contact_pair)[0])  # (N, D + F)
 
     @property
     def last(self) -> nn.Linear:

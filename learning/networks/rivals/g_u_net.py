@@ -72,7 +72,7 @@ class GUNet(Network):
         self.down = nn.ModuleList([MessagePassing(hidden) for _ in range(config.levels + 1)])
         self.up = nn.ModuleList([MessagePassing(hidden) for _ in range(config.levels)])
         self.score = nn.ParameterList([nn.Parameter(torch.empty(hidden).uniform_(-1, 1) / hidden**0.5) for _ in range(config.levels)])
-        self.decode = MLP(hidden, hidden, widths.space, norm=False)
+        self.decode = MLP(hidden, hidden, widths.outputs, norm=False)
 
     def velocity(self, graph: Graph) -> Tensor:
         scale, place, owner = scale_of(graph.scale), graph.place, graph.owner
@@ -92,7 +92,7 @@ class GUNet(Network):
         for block in self.up:
             skip, e, mesh, w, contact, kept = left.pop()
             h, _, _ = block(skip.index_add(0, kept, h.to(skip.dtype)), e, mesh, w, contact)
-        return self.decode(h)  # (N, D)
+        return self.decode(h)  # (N, D + F)
 
     @property
     def last(self) -> nn.Linear:

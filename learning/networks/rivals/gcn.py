@@ -59,7 +59,7 @@ class GCN(Network):
         hidden = config.hidden
         self.encode = MLP(widths.node, hidden, hidden)
         self.process = nn.ModuleList([Convolution(hidden) for _ in range(config.layers)])
-        self.decode = MLP(hidden, hidden, widths.space, norm=False)
+        self.decode = MLP(hidden, hidden, widths.outputs, norm=False)
 
     def velocity(self, graph: Graph) -> Tensor:
         h = self.encode(graph.node)  # (N, H)
@@ -67,7 +67,7 @@ class GCN(Network):
         scale = (1 + torch.bincount(pair[1], minlength=len(h))).rsqrt()[:, None]  # (N, 1)
         for convolution in self.process:
             h = convolution(h, pair, scale).relu()
-        return self.decode(h)  # (N, D)
+        return self.decode(h)  # (N, D + F)
 
     @property
     def last(self) -> nn.Linear:

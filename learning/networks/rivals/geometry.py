@@ -14,11 +14,12 @@ Scale = tuple[Tensor, Tensor]
 
 
 def mesh_features(place: Tensor, pair: Tensor, scale: Scale) -> Tensor:
-    """(E, 2 D + 2) scaled X, |X|, x - X, |x| - |X| of pairs (2, E); place: (N, 2 D) X and x - X of nodes [m]."""
+    """(E, 2 D + 2) scaled X, |X|, x - X, |x| - |X| of pairs (2, E), without the last two where nothing moves; place: (N, 2 D) X and x - X
+    of nodes [m]."""
     rest, change = (place.index_select(0, pair[0]) - place.index_select(0, pair[1])).chunk(2, dim=1)  # (E, D) each
     length = rest.norm(dim=1, keepdim=True)
     features = torch.cat([rest, length, change, (rest + change).norm(dim=1, keepdim=True) - length], dim=1)
-    return (features - scale[0][0]) / scale[0][1]
+    return (features[:, :scale[0].shape[1]] - scale[0][0]) / scale[0][1]
 
 
 def contact_features(place: Tensor, pair: Tensor, scale: Scale) -> Tensor:

@@ -64,7 +64,7 @@ class MGN(Network):
         self.encode_mesh = MLP(widths.mesh_edge, hidden, hidden)
         self.encode_world = MLP(widths.contact_edge, hidden, hidden)
         self.process = nn.ModuleList([MessagePassing(hidden) for _ in range(config.message_steps)])
-        self.decode = MLP(hidden, hidden, widths.space, norm=False)
+        self.decode = MLP(hidden, hidden, widths.outputs, norm=False)
 
     def velocity(self, graph: Graph) -> Tensor:
         h = self.encode_node(graph.node)  # (N, H)
@@ -72,7 +72,7 @@ class MGN(Network):
         w = self.encode_world(graph.contact_edge)  # (W, H)
         for step in self.process:
             h, e, w = step(h, e, graph.mesh_pair, w, graph.contact_pair)
-        return self.decode(h)  # (N, D)
+        return self.decode(h)  # (N, D + F)
 
     @property
     def last(self) -> nn.Linear:

@@ -73,7 +73,7 @@ class Transolver(Network):
         self.shift = nn.Parameter(torch.rand(hidden) / hidden)
         self.process = nn.ModuleList([Block(hidden, config.heads, config.slices) for _ in range(config.layers)])
         self.norm = nn.LayerNorm(hidden)
-        self.decode = nn.Linear(hidden, widths.space)
+        self.decode = nn.Linear(hidden, widths.outputs)
         for part in self.modules():
             if isinstance(part, nn.Linear):
                 nn.init.trunc_normal_(part.weight, std=0.02, a=-0.04, b=0.04)
@@ -86,7 +86,7 @@ class Transolver(Network):
         h = rows.padded(h)  # (B, S, H)
         for block in self.process:
             h = block(h, rows.present)
-        return self.decode(self.norm(rows.listed(h)))  # (N, D)
+        return self.decode(self.norm(rows.listed(h)))  # (N, D + F)
 
     @property
     def last(self) -> nn.Linear:

@@ -6,18 +6,15 @@ names they give, of cells and of nodes; voxels and pixels, which VTK lists row b
 
 from __future__ import annotations
 
-import io
-import warnings
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physics.foreign import read_foreign
 from physics.mesh.cell import CELLS, OF_MESHIO
 from physics.mesh.formats.raw import Block, Raw, block
-from physics.schema import InputError
 
 Integers = NDArray[np.int64]
 TAGS = ("gmsh:physical", "medit:ref", "avsucd:material", "ugrid:ref", "netgen:index", "tetgen:ref", "CellEntityIds")
@@ -29,24 +26,8 @@ ROW_BY_ROW = {"pixel": ("quad", [0, 1, 3, 2]), "voxel": ("hexahedron", [0, 1, 3,
 
 def read(path: Path) -> Raw:
     """Any file that meshio reads. Raises `InputError` with meshio's own reason for one that it does not."""
-    import meshio
-
-    said = io.StringIO()
-    try:
-        with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            _know_voxels()
-            found = meshio.read(path)  # meshio prints, and ends the program
-    except (Exception, SystemExit) as error:  # its readers raise whatever a damaged file leads them to
-        words = [] if isinstance(error, SystemExit) else str(error).split("\n")
-        if isinstance(error, KeyError):
-            words = [f"{error} is not known to it"]
-        words += [line.removeprefix("Error:") for line in said.getvalue().splitlines()]
-        reason = next((word.strip() for word in words if word.strip()), type(error).__name__)
-        raise InputError(f"not a mesh file that meshio can read: {reason[:200]}") from None
-    if "cannot handle" in said.getvalue():  # and leaves out
-        raise InputError("has cells of a kind that meshio cannot handle")
-    return of_meshio(found)
+    _know_voxels()
+    return of_meshio(read_foreign(path))
 
 
 def of_meshio(found: Any) -> Raw:
