@@ -3,6 +3,7 @@
     .venv/bin/python -m benchmarks.flow --verify    known values and orders, some four minutes of processor time
     .venv/bin/python -m benchmarks.flow             what a frame of 0.01 s costs
     .venv/bin/python -m benchmarks.flow --ngsolve PYTHON   the same flow by NGSolve, whose interpreter that is, in the same run
+    .venv/bin/python -m benchmarks.flow --ipcs      2D-3 beside the scheme of dolfinx's tutorial, in the same run
     .venv/bin/python -m benchmarks.flow --parts     what a step is made of, beside the bytes of its factors
     .venv/bin/python -m benchmarks.flow --growth    with the number of nodes
     .venv/bin/python -m benchmarks.flow --hard      the hard cases
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ import numpy as np
 
 from benchmarks import footing
 from benchmarks.flow_hard import CASES
+from benchmarks.flow_ipcs import tutorial
 from physics.flow.conditions import conditions_of
 from physics.flow.frames import COURANT, advance
 from physics.flow.solution import FlowSolution, solve_flow
@@ -212,6 +215,17 @@ def speed(python: str | None) -> None:
             footing.say(f"NGSolve {program}: {said['ms'] / ours['ms a frame']:.1f} times the time of ours")
 
 
+def ipcs() -> None:
+    """The first seconds of 2D-3, ours and dolfinx's tutorial's, whose first 200 steps stand for it."""
+    table, scene = footing.Table(), cylinder(0.0265, 0.009, 800, 8.0, period=16.0)
+    seconds, found = footing.cost(solve_flow, replace(scene, steps=replace(scene.steps, count=200, duration=2.0)))
+    table.add(row_of("2D-3, the first 2 s", found, seconds))
+    said = tutorial(found.mesh, 200)
+    table.add({"flow": "2D-3, dolfinx's tutorial (IPCS), its first 200 steps", "nodes": said["vertices"], "cells": said["cells"],
+               "steps a frame": said["steps"], "ms a frame": said["ms"], "ms a step": said["ms"] / said["steps"]})
+    footing.say(f"the tutorial: {said['ms'] / (1e3 * seconds / 200):.1f} times the time of ours")
+
+
 def row_of(name: str, found: FlowSolution, seconds: float) -> dict[str, Any]:
     frames = len(found.velocity) - 1
     steps = float(found.per_frame["iterations"].sum())
@@ -299,11 +313,11 @@ def hard() -> None:
 
 def main() -> None:
     parser = footing.parser(__doc__)
-    for flag in ("--verify", "--parts", "--growth", "--hard", "--courant"):
+    for flag in ("--verify", "--ipcs", "--parts", "--growth", "--hard", "--courant"):
         parser.add_argument(flag, action="store_true")
     parser.add_argument("--ngsolve", metavar="PYTHON")
     options = parser.parse_args()
-    for name, run in (("verify", verify), ("parts", parts), ("growth", growth), ("hard", hard), ("courant", courant)):
+    for name, run in (("verify", verify), ("ipcs", ipcs), ("parts", parts), ("growth", growth), ("hard", hard), ("courant", courant)):
         if getattr(options, name):
             run()
             return

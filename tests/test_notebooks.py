@@ -44,6 +44,14 @@ def equilibrium(text: str) -> None:
     assert numbers(r"after the last touch the energy changes by NUMBER of itself", text)[0] < 1e-4
 
 
+def flow_around_a_cylinder(text: str) -> None:
+    # U_mean D / nu = 0.8 m/s x 0.1 m / 1e-3 m2/s; the drag of 2D-2, at a Reynolds number of 100, is 3.16 to 3.23 (Schäfer and Turek 1996)
+    assert numbers(r"Reynolds number NUMBER", text) == [80]
+    assert numbers(r"drag coefficient NUMBER", text)[0] == pytest.approx(3.2, abs=0.2)
+    modes, data = numbers(r"\nStrouhal number +– +NUMBER", text), numbers(r"\nStrouhal number .* NUMBER\n", text)
+    assert modes[0] == pytest.approx(data[0], rel=0.1) and 0.25 < data[0] < 0.32  # 0.295 to 0.305 at 100
+
+
 def modal_analysis(text: str) -> None:
     # f = (1.8751 / L)^2 sqrt(E I / rho A) / 2 pi with L = 0.1 m, E = 1e6 Pa, rho = 1000 kg/m3, I / A = 0.02^2 / 12 m2
     first, second = (numbers(rf"\n +{i} +NUMBER +NUMBER +NUMBER\n", text) for i in (1, 2))
@@ -67,7 +75,7 @@ def read_a_report(text: str) -> None:
     assert twice < 0.1 * once and once < 200 * found["rmsd_all_all_nodes"]  # [mm], so a fifth of it
 
 
-CHECKS = {check.__name__: check for check in (beam_to_report, dataset, equilibrium, modal_analysis, read_a_report)}
+CHECKS = {check.__name__: check for check in (beam_to_report, dataset, equilibrium, flow_around_a_cylinder, modal_analysis, read_a_report)}
 
 
 @pytest.mark.parametrize("notebook", sorted((ROOT / "notebooks").glob("*.py")), ids=lambda path: path.stem)

@@ -90,12 +90,12 @@ class Layout:
 
     def check(self, trajectory: Trajectory) -> None:
         """Raise `InputError` for a trajectory that cannot be seen so."""
-        if self.space == 2 and not in_plane(trajectory):
-            raise InputError("a body in space, where the network has learned from bodies in a plane alone")
         if self.flow and not trajectory.flows:
             raise InputError("it is no flow: it has no velocity, or its mesh moves; the network has learned flows")
         if trajectory.flows and not self.flow:
             raise InputError("a flow, where the network has learned how solids move")
+        if self.space == 2 and not in_plane(trajectory):
+            raise InputError("a body in space, where the network has learned from bodies in a plane alone")
 
 
 SOLID_BODY = Layout()

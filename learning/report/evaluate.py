@@ -51,8 +51,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
 
     Args:
         run: folder of a training
-        files: test trajectories, each with its scene in it
-        out: report folder
+        files, out: test trajectories, each with its scene in it; report folder
         correct: orders of magnitude by which Newton steps correct each frame of a rollout
         refined: how many of the test scenes are solved on finer cells as well
         predictions, functions: what users bring along, see `own_predictors`
@@ -76,8 +75,8 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         return report_on([*own, learned(model, name), *others, *trivial()], cases, Path(out),
                          title="A learned simulator held against its data", runs=runs, refined=0, about=about, say=say)
     fe = [elements("FE, cells twice as large", halvings=1), elements("FE, cells four times as large", halvings=2), elements(REFERENCE)]
-    predictors = [*own, learned(model, name), *alone, corrected(model, correct, name), *others, *trivial(), *fe]
-    return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs=runs, refined=refined,
+    every = [*own, learned(model, name), *alone, corrected(model, correct, name), *others, *trivial(), *fe]
+    return report_on(every, cases, Path(out), title="A learned simulator held against finite elements", runs=runs, refined=refined,
                      about=about, say=say)
 
 
