@@ -31,8 +31,8 @@ def add_data_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Calla
     add = declared("card", "folder")
     add("--refined", type=count, default=10, help="as for stats (10)")
     add = declared("pack", "folder")
-    add("--tolerance", type=float, default=1e-6, help="largest error of a displacement [m] (1e-6)")
-    add("--share", type=float, default=1e-3, help="of flows: largest error of velocity and pressure, over their largest value in the "
+    add("--tolerance", type=float, help="largest error of a displacement [m] (1e-6)")
+    add("--share", type=float, help="of flows: largest error of velocity and pressure, over their largest value in the "
                                                   "median frame (1e-3)")
     add("--out", required=True, help="file, .pack")
     declared("unpack", "file")("--out", required=True, help="folder")

@@ -16,6 +16,7 @@ from datagen.sets.generate import generate
 from datagen.sets.pack import decode, encode, pack, unpack
 from datagen.sets.statistics import statistics
 from physics.schema import InputError
+from tests.five_nodes import tiny, write_set
 from tests.test_datagen_flow import TINY
 
 
@@ -105,3 +106,15 @@ def test_the_card_of_a_set_of_flows_speaks_of_flows(made, tmp_path):
     found = statistics(made)
     true = read_trajectory(made / "train" / "0000.vtkhdf").fields["velocity"]
     assert found["velocity_change_rms"]["max"] < 0.3 * np.abs(true[1] - true[0]).max()  # the jump at the start is left out
+
+
+def test_a_bound_that_a_set_has_nothing_for_is_refused_before_a_file_is_written(made, tmp_path):
+    """Of flows a tolerance of displacements, of solids a share of velocity: unused, the file would not be what was asked for."""
+    write_set(tmp_path / "solid", {"train/0000.vtkhdf": tiny()})
+    with pytest.raises(InputError, match=r"^tolerance = 1e-06: .*set is of flows, .*; share bounds velocity and pressure$"):
+        pack(made, tmp_path / "set.pack", tolerance=1e-6)
+    with pytest.raises(InputError, match=r"^share = 0\.001: .*solid is of solids; tolerance bounds their displacements$"):
+        pack(tmp_path / "solid", tmp_path / "set.pack", share=1e-3)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["solid"]
+    assert pack(made, tmp_path / "a.pack", share=0.01)["share"] == 0.01
+    assert pack(tmp_path / "solid", tmp_path / "b.pack")["tolerance"] == 1e-6

@@ -102,6 +102,8 @@ def test_a_study_like_another_has_its_sizes_and_may_change_them(tmp_path):
     (("seeds = 2", "seeds = 0"), "check.seeds = 0: must be a whole"),
     (('family = "demo"', 'family = "dem"'), "check.data.family = 'dem': must be one of .*did you mean 'demo'"),
     (("train = 2", "train = -2"), "check.data.train = -2: must be at least 0"),
+    (("train = 2", "train = 0"), "check.data.train: must be at least 1"),
+    (('family = "demo"', 'set = { steps = { count = 0 } }, family = "demo"'), "check.data.set: steps.count = 0: must be at least 1"),
     (('name = "plain"', 'name = "in segments"'), "a name of its own"),
     (("mc = 0.25", 'mc = "low"'), r"row\[0\].published.mc = 'low': must be a number"),
     (("[check]", "[small]"), "check: no such size .* it has small"),
@@ -277,3 +279,6 @@ def test_a_study_is_carried_out_once_and_its_folder_is_its_own(tmp_path, data, c
         run_study(study, data, size="check")
     assert fidelity.main(["study", "mane", "--out", str(tmp_path / "no")]) == 2 and not (tmp_path / "no").exists()
     assert "no study 'mane': give a .toml file or one of" in capsys.readouterr().err
+    with pytest.raises(InputError, match=r"^row 'plain': published\.rmse_al: no such figure; did you mean 'rmse_all'\? there are gf_h, "):
+        run_study(written(tmp_path, study.read_text().replace("rmse_all", "rmse_al")), tmp_path / "new", size="check", data=data)
+    assert not (tmp_path / "new").exists()

@@ -135,6 +135,28 @@ def test_what_is_not_held_or_starts_in_the_body_is_refused():
         balance(obstacle=ball((0.02, 0.01, 0.018 - 1.1e-6 * 0.005)))
 
 
+def test_an_obstacle_wholly_within_a_body_is_refused_and_one_in_its_hollow_is_not():
+    """No facet of the body is near such an obstacle, so that it would move through the body and nothing would happen."""
+    fine = BODY | {"cells": [12, 8, 4]}
+    within = [ball((0.03, 0.01, 0.004), radius=0.002), ball((0.03, 0.01, 0.004), radius=0.004),  # which touches both faces
+              {"shape": "box", "size": [0.002, 0.002, 0.002], "path": [[0.03, 0.01, 0.004]]},
+              {"shape": "capsule", "radius": 0.001, "length": 0.01, "axis": [1.0, 0.0, 0.0], "path": [[0.03, 0.01, 0.004]]}]
+    for obstacle in within:
+        with pytest.raises(InputError, match=r"^obstacle\.path: the obstacle starts wholly inside the body; start it outside$"):
+            balance(body=fine, obstacle=obstacle)
+    plate = {"shape": "plate", "length": 0.06, "width": 0.02, "cells": [6, 4], "cell": "triangle"}
+    with pytest.raises(InputError, match=r"^obstacle\[1\]\.path: the obstacle starts wholly inside the body"):
+        balance(body=plate, obstacle=[ball((0.03, 0.04, 0.0)), ball((0.03, 0.01, 0.0), radius=0.005)])
+    scene = beam(body=BODY | {"cells": [6, 5, 3]}, support=SUPPORT, obstacle=ball((0.03, 0.01, 0.004), radius=0.0019))
+    block = build_mesh(scene.body)
+    middle = abs(block.points[block.cells].mean(axis=1) - [0.03, 0.01, 0.004])
+    hollow = replace(block, cells=block.cells[(middle > [0.011, 1e-3, 1e-3]).any(axis=1)])  # without two cells of 10 x 4 x 8/3 mm
+    narrow = replace(scene, obstacle=replace(scene.obstacle, radius=0.001))
+    assert len(hollow.cells) == 88 and Balance(narrow, hollow).clearance(0.0) > 0
+    with pytest.raises(InputError, match="starts 0.000567 m inside"):
+        Balance(scene, hollow)
+
+
 def test_a_pressure_alone_loads_a_body_and_so_does_a_turn():
     box = {"length": 0.02, "width": 0.02, "height": 0.02, "cells": [2, 2, 2]}
     def loaded(**more):

@@ -43,32 +43,35 @@ from physics.whole import folder_whole, written_whole
 Arrays = dict[str, NDArray[Any]]
 SCHEMA = 1
 MODE_STEP = 1e-6
+TOLERANCE, SHARE = 1e-6, 1e-3  # where none is given
 HEADER = ("frequencies_hz", "scene", "seed", "index", "versions", "commit", "complete", "extra")
 FLOW = ("velocity", "pressure")
 AS_IT_IS = ("points", "types", "node_kind")
 
 
-def pack(folder: str | Path, out: str | Path, *, tolerance: float = 1e-6, share: float = 1e-3) -> dict[str, Any]:
+def pack(folder: str | Path, out: str | Path, *, tolerance: float | None = None, share: float | None = None) -> dict[str, Any]:
     """Pack a data set.
 
     Args:
-        tolerance: largest error of any node's displacement in any frame [m]
-        share: of flows the same of velocity and pressure, over their largest value in the median frame
+        tolerance: largest error of any node's displacement in any frame [m]; TOLERANCE when left out
+        share: of flows the same of velocity and pressure, over their largest value in the median frame; SHARE when left out
 
     Returns:
         the numbers of trajectories and bytes, how many times smaller that is, the largest error [m], and of flows the largest share
 
     Raises:
-        InputError: the folder is no data set, or the tolerance no length, or the share none
+        InputError: the folder is no data set, the tolerance no length, the share none, or what was given is not of such a set
         RuntimeError: a file is not what the manifest says
         OSError: the file cannot be written
     """
-    if not (math.isfinite(tolerance) and tolerance > 0):
+    if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0):
         raise InputError(f"tolerance = {tolerance}: must be above 0 m")
-    if not 0 < share < 1:
+    if share is not None and not 0 < share < 1:
         raise InputError(f"share = {share}: must be above 0 and below 1")
     folder, out = Path(folder), Path(out)
     manifest = dataset.read_manifest(folder)
+    _check_kind(folder, manifest, tolerance, share)
+    tolerance, share = tolerance or TOLERANCE, share or SHARE
     before, error, of_flows = 0, 0.0, 0.0
     with written_whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_LZMA) as archive:
         about = {"schema": SCHEMA, "tolerance": tolerance, "manifest": to_table(manifest)}
@@ -84,6 +87,17 @@ def pack(folder: str | Path, out: str | Path, *, tolerance: float = 1e-6, share:
     size = out.stat().st_size
     return {"trajectories": len(manifest.trajectories), "bytes": size, "ratio": before / size, "largest_error": error,
             "tolerance": tolerance} | ({"largest_share": of_flows, "share": share} if of_flows else {})
+
+
+def _check_kind(folder: Path, manifest: dataset.Manifest, tolerance: float | None, share: float | None) -> None:
+    """Refuse a bound of what a set has not: of displacements in one of flows, of velocity and pressure in one of solids."""
+    if not manifest.trajectories or (tolerance is None and share is None):
+        return
+    if read_trajectory(folder / manifest.trajectories[0].file).flows:
+        if tolerance is not None:
+            raise InputError(f"tolerance = {tolerance}: {folder} is of flows, which nothing displaces; share bounds velocity and pressure")
+    elif share is not None:
+        raise InputError(f"share = {share}: {folder} is of solids; tolerance bounds their displacements")
 
 
 def unpack(file: str | Path, out: str | Path) -> dict[str, Any]:

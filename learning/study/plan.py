@@ -30,7 +30,7 @@ from typing import Any
 import tomli_w
 
 from datagen.family.family import FOLDER as FAMILIES
-from datagen.family.family import Family, load_family
+from datagen.family.family import Family, Splits, draw, load_family
 from learning.config import TrainConfig
 from physics.schema import InputError, nearest, quantity, read_table, read_toml, shown
 from physics.whole import write_whole
@@ -156,6 +156,8 @@ def _planned(table: dict[str, Any], size: str) -> Plan:
     if type(seeds) is not int or not 1 <= seeds <= 100:
         raise InputError(f"{size}.seeds = {shown(seeds)}: must be a whole number from 1 to 100")
     sets = {"data": _data(own.get("data"), f"{size}.data")}
+    if not sets["data"][1].train:
+        raise InputError(f"{size}.data.train: must be at least 1, for there is something to train")
     keys = own["data"].get("set", {})
     tests = tuple(_test(each, f"test[{i}]", keys, sets) for i, each in enumerate(_list(table, "test"))) or (Trial("test", "data"),)
     grid = table.get("grid", {})
@@ -195,7 +197,12 @@ def _data(table: Any, where: str) -> tuple[dict[str, Any], Data]:
     if not path.exists():
         known = [file.stem for file in sorted(FAMILIES.glob("*.toml"))]
         raise InputError(f"{where}.family = {shown(data.family)}: must be one of {', '.join(known)}{nearest(data.family, known)}")
-    return merged(read_toml(path), table.get("set", {})), data
+    changed = merged(read_toml(path), table.get("set", {}))
+    try:
+        draw(Family(data.family, "", {key: value for key, value in changed.items() if key != "splits"}, Splits()), 0, 0)
+    except InputError as error:
+        raise InputError(f"{where}.set: {error}") from None
+    return changed, data
 
 
 def _test(table: dict[str, Any], where: str, keys: dict[str, Any], sets: dict[str, tuple[dict[str, Any], Data]]) -> Trial:

@@ -26,7 +26,7 @@ from datagen.sets.generate import generate
 from datagen.sets.workers import on_cluster, on_this_machine
 from learning.study.page import write_page
 from learning.study.plan import Plan, family_of, load_plan, slug
-from learning.study.table import Result, gathered, write_tables
+from learning.study.table import Result, check_published, gathered, write_tables
 from learning.study.work import Job, carried_out, still, write_json
 from learning.training.curve import read_curve
 from physics.schema import InputError, to_table
@@ -56,6 +56,7 @@ def run_study(path: str | Path, out: str | Path, *, size: str = "small", data: s
         RuntimeError: data could not be made, or a worker was lost; what is there is kept, and another call goes on from there
     """
     plan, out = load_plan(path, size), Path(out).absolute()
+    check_published(plan)
     _claim(plan, out, data)
     folders = _sets(plan, out, data, workers, say)
     tests = tuple((test, folders[test.data]) for test in plan.tests)

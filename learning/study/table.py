@@ -23,6 +23,7 @@ from learning.study.plan import Plan
 from learning.study.work import STILL, Job
 from learning.training.curve import read_curve
 from physics.fidelity.figures import FIGURES, Column, field_columns, shown
+from physics.schema import InputError, nearest
 from physics.whole import write_whole
 
 ERRORS = ("gf_h", "gf_c", "mc", "ar", "rmse_1", "rmse_50", "rmse_all")
@@ -107,6 +108,16 @@ class Result:
                 needed = math.ceil(8 * variance / difference**2) if difference else math.inf
                 said.append(f"{words}, which {n} seeds each cannot tell from chance" + (f"; some {needed} would." if needed < 1e6 else "."))
         return said
+
+
+def check_published(plan: Plan) -> None:
+    """Raises `InputError` for a published figure that no table has."""
+    known = (*ERRORS, *COST)
+    for row in plan.rows:
+        for key in (key for figures in row.published.values() for key in figures):
+            if key not in known and not field_columns([key]):
+                raise InputError(f"row {row.name!r}: published.{key}: no such figure{nearest(key, known) or ';'} there are "
+                                 f"{', '.join(known)}")
 
 
 def gathered(plan: Plan, jobs: Mapping[tuple[str, int], Job], idle: dict[str, dict[str, Any]]) -> Result:

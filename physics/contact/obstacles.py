@@ -14,17 +14,22 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from physics.contact.shapes import Box, Capsule, Cylinder, HalfSpace, Shape, Sphere
 from physics.contact.surfaces import Surface, disc, divide
 from physics.contact.tool import Tool
+from physics.mesh.mesh import Mesh
+from physics.mesh.transfer import interpolate
 from physics.scene import Obstacle
 
 Floats = NDArray[np.float64]
 
 FINEST = 100  # edges along a side, or half around
 RAYS = 720  # by which the outline of a section is found
+COARSE = 8  # edges along an obstacle or a body where only whether one lies in the other counts
 
 SHAPES: dict[str, Callable[[Obstacle], Shape]] = {
     "sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule, "box": Box, "half-space": HalfSpace, "mesh": Tool}
@@ -110,3 +115,22 @@ class Rigid:
         way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
         at = np.linspace(0.0, way[-1], max(8, round(way[-1] / max(size, self.shape.extent / FINEST))), endpoint=False)
         return np.stack([np.interp(at, way, component) for component in dense.T], axis=1)
+
+
+def buried(rigid: Rigid, mesh: Mesh) -> bool:
+    """Whether a piece of an obstacle starts wholly within a body, where no facet of the body is near enough to feel it."""
+    size = max(rigid.shape.extent, float(mesh.extent.max())) / COARSE
+    points, triangles = rigid.surface_mesh(mesh.points, size=size, plane=mesh.dimension == 2)
+    edges = scipy.sparse.csr_matrix((np.ones(triangles.size), (triangles.ravel(), np.roll(triangles, 1, axis=1).ravel())),
+                                    shape=(len(points), len(points)))
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    pieces, piece = connected_components(edges, directed=False)
+    for k in range(pieces):
+        corner = points[piece == k]
+        if (corner >= low).all() and (corner <= high).all():
+            try:
+                interpolate(mesh, np.zeros((1, *mesh.points.shape)), corner)
+            except ValueError:  # some of them lie in no cell
+                continue
+            return True
+    return False

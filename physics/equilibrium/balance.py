@@ -20,6 +20,7 @@ from physics.body.pressure import Pressed
 from physics.body.schedule import Moves, largest_share, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
 from physics.contact.conditions import CONTACT_STIFFNESS, cell_size, contact_of
+from physics.contact.obstacles import buried
 from physics.mesh.build import across
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
@@ -181,6 +182,9 @@ class Balance:
         if far > allowed:
             raise InputError(f"{self._named(strides.index(far))}.path: its length is {far:.2g} times what the obstacle may move at once "
                              f"(half of its own width or of the body's); at most {allowed:g} times, or as many as there are steps")
+        for which, rigid in enumerate(self.contact.obstacle.each if self.contact is not None else ()):
+            if buried(rigid, self.mesh):
+                raise InputError(f"{self._named(which)}.path: the obstacle starts wholly inside the body; start it outside")
         inside = -self.clearance(0.0)
         if self.contact is not None and inside > GAP_TOLERANCE * self.size:
             points = self.contact.surface.positions(self.mesh.points)
