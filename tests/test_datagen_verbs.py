@@ -35,8 +35,8 @@ def parse():
     (["stats", "F"], {"folder": "F", "refined": 0, "seed": 0}),
     (["stats", "F", "--refined", "2", "--seed", "7"], {"folder": "F", "refined": ("count", 2), "seed": ("seed", 7)}),
     (["card", "F"], {"folder": "F", "refined": 10}), (["card", "F", "--refined", "0"], {"folder": "F", "refined": ("count", 0)}),
-    (["pack", "F", "--out", "P"], {"folder": "F", "out": "P", "tolerance": 1e-6}),
-    (["pack", "F", "--out", "P", "--tolerance", "2e-3"], {"folder": "F", "out": "P", "tolerance": 2e-3}),
+    (["pack", "F", "--out", "P"], {"folder": "F", "out": "P", "tolerance": 1e-6, "share": 1e-3}),
+    (["pack", "F", "--out", "P", "--tolerance", "2e-3", "--share", "0.01"], {"folder": "F", "out": "P", "tolerance": 2e-3, "share": 0.01}),
     (["unpack", "P", "--out", "F"], {"file": "P", "out": "F"}),
     (["import", "F", "--out", "G"], {"folder": "F", "out": "G", "count": None}),
     (["import", "F", "--out", "G", "--count", "4"], {"folder": "F", "out": "G", "count": ("positive", 4)}),
@@ -88,8 +88,8 @@ def test_the_other_verbs_pass_on_what_they_were_given_and_say_what_came_back(ver
     assert verb("card", datagen.sets.card, "write_card", tmp_path, folder="F", refined=2) == (
         {"out": str(tmp_path)}, [("F", {"refined": 2})], [f"card: {tmp_path}"])
     packed = {"trajectories": 3, "bytes": 2_345_678, "ratio": 45.6, "largest_error": 9.8765e-7}
-    assert verb("pack", datagen.sets.pack, "pack", packed, folder="F", out="P", tolerance=0.5) == (
-        packed, [("F", "writable P.pack", {"tolerance": 0.5})],
+    assert verb("pack", datagen.sets.pack, "pack", packed, folder="F", out="P", tolerance=0.5, share=0.01) == (
+        packed, [("F", "writable P.pack", {"tolerance": 0.5, "share": 0.01})],
         ["3 trajectories, 2.35 MB, 46 times smaller, largest error 9.88e-07 m: writable P.pack"])
     some = {"trajectories": 3}
     assert verb("unpack", datagen.sets.pack, "unpack", some, file="P", out="G") == (some, [("P", "writable G", {})], ["3 trajectories: G"])
