@@ -137,12 +137,10 @@ class Space:
         self.components, self.order = components or dimension, order
         D = self.components
         self.comm = MPI.COMM_WORLD if spread else MPI.COMM_SELF
-        self.degrees = QUADRATURE_DEGREE[kind], MASS_DEGREE[kind]
-        if order == 2:
-            self.degrees = (2, 4) if kind in ("triangle", "tetrahedron") else (5, 5)
+        second = (2, 4) if kind in ("triangle", "tetrahedron") else (5, 5)
+        self.degrees = (QUADRATURE_DEGREE[kind], MASS_DEGREE[kind]) if order == 1 else second
         cells, points = mesh.cells[:, FROM_GMSH[kind]], mesh.points
-        curved = order == 2 and is_curved(mesh)
-        if curved:
+        if curved := order == 2 and is_curved(mesh):
             points, inside = further(mesh, _middles(kind))
             cells = np.concatenate([cells, inside], axis=1)
             self.degrees = (5, 7)
@@ -165,15 +163,13 @@ class Space:
             blocks = blocks.array.reshape(len(geometry), -1)
         index_map = self.V.dofmap.index_map
         self.owned = index_map.size_local
-        count = self.owned + index_map.num_ghosts
         corners = np.asarray(self.domain.geometry.input_global_indices)[geometry[:, :own.corners]]  # (cells, k) in dolfinx's order
         self._entities = _entities(corners, blocks, kind, self.V.dofmap.dof_layout) if order == 2 else {}
         first = blocks[:, : corners.shape[1]] if order == 1 else self._entities[1][0]
-        self.nodes = np.full(count, -1, np.int64)
+        self.nodes = np.full(self.owned + index_map.num_ghosts, -1, np.int64)
         self.nodes[first.ravel()] = corners.ravel() if order == 1 else self._entities[1][1].ravel()
-        for k, (inside_of, between) in self._entities.items():
-            if k > 1:
-                self.nodes[inside_of] = middle_nodes(mesh, between)
+        for k in self._entities.keys() - {1}:
+            self.nodes[self._entities[k][0]] = middle_nodes(mesh, self._entities[k][1])
         self.dofs = np.full((len(mesh.points), D), -1, np.int64)
         ours = np.flatnonzero(self.nodes >= 0)
         self.dofs[self.nodes[ours]] = D * ours[:, None] + np.arange(D)

@@ -9,6 +9,7 @@ from physics.mesh.files import write_mesh
 from physics.mesh.shapes.boxes import box
 from physics.scene import PLACES, read_scene
 from physics.schema import InputError
+from tests.tools import spanner, written
 
 SIDES = np.array([0.5, 0.3, 0.2])  # [m] length, width, height
 
@@ -145,3 +146,23 @@ def test_a_mesh_file_that_is_not_there_is_missed_by_its_name(tmp_path):
     (tmp_path / "family.toml").write_text(FAMILY.format(face="x-max"))
     with pytest.raises(InputError, match=r"part\.vtk: no such file$"):
         load_family(tmp_path / "family.toml")
+
+
+def test_a_box_and_a_mesh_are_turned_about_the_normal_of_the_face_and_touch_where_they_reach_furthest(tmp_path):
+    """A spanner's jaw points away from its file's origin; a turned box of sides 2, 1 and 1 reaches 0.5 towards z, however it lies on it."""
+    file = written(tmp_path / "spanner.stl", spanner())
+    for keys, height in (({"shape": "box", "size": [2.0, 1.0, 1.0]}, 0.5), ({"shape": "mesh", "file": file, "scale": 0.1}, 0.3)):
+        for face, sign in (("z-max", 1), ("z-min", -1)):
+            whole = {"body": {"shape": "plate", "length": 20.0, "width": 20.0, "height": 2.0, "cells": [4, 4, 1]},
+                     "material": {"young_modulus": 1e6, "poisson_ratio": 0.3},
+                     "obstacle": keys | {"place": {"face": face, "depth": 0.5, "gap": 0.1, "turn": 30.0}}}
+            obstacle = read_scene(whole | {"obstacle": placed(whole)}).obstacle
+            assert obstacle.angle == 30.0 and obstacle.axis == (0.0, 0.0, 1.0)
+            start = 2.0 * (sign > 0) + sign * (height + 0.1)
+            assert obstacle.path[0] == pytest.approx((10.0, 10.0, start)) and obstacle.path[1][2] == pytest.approx(start - sign * 0.6)
+    tilted = {"shape": "mesh", "file": file, "scale": 0.1, "axis": [0, 1, 0], "angle": 90.0}  # the handle, 6 long, now points up
+    for face, height in (("z-max", 1.4), ("z-min", 6.0)):
+        whole |= {"obstacle": tilted | {"place": {"face": face, "depth": 0.5}}}
+        assert abs(placed(whole)["path"][0][2] - 2.0 * (face == "z-max")) == pytest.approx(height)
+    with pytest.raises(InputError, match="give either axis or place.turn"):
+        placed(whole | {"obstacle": tilted | {"place": {"depth": 0.5, "turn": 3.0}}})

@@ -1,9 +1,8 @@
 """Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report; where the trajectories have
 no scene, as imported ones, against the data alone.
 
-On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser
-meshes, and the solver that made the truth, run again here for its time. What is written: report.py; the rivals: rivals.py;
-how they are measured: measure.py. All rivals at once, timed with repeats: compare.py.
+On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser meshes, and the
+solver that made the truth, for its time. Written by report.py, rivals in rivals.py, measured by measure.py. All rivals: compare.py.
 """
 
 from __future__ import annotations
@@ -51,8 +50,7 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
 
     Args:
         run: folder of a training
-        files: test trajectories, each with its scene in it
-        out: report folder
+        files, out: test trajectories, each with its scene in it; report folder
         correct: orders of magnitude by which Newton steps correct each frame of a rollout
         refined: how many of the test scenes are solved on finer cells as well
         predictions, functions: what users bring along, see `own_predictors`
@@ -76,8 +74,8 @@ def evaluate(run: str | Path, files: Sequence[str | Path], out: str | Path, *, c
         return report_on([*own, learned(model, name), *others, *trivial()], cases, Path(out),
                          title="A learned simulator held against its data", runs=runs, refined=0, about=about, say=say)
     fe = [elements("FE, cells twice as large", halvings=1), elements("FE, cells four times as large", halvings=2), elements(REFERENCE)]
-    predictors = [*own, learned(model, name), *alone, corrected(model, correct, name), *others, *trivial(), *fe]
-    return report_on(predictors, cases, Path(out), title="A learned simulator held against finite elements", runs=runs, refined=refined,
+    every = [*own, learned(model, name), *alone, corrected(model, correct, name), *others, *trivial(), *fe]
+    return report_on(every, cases, Path(out), title="A learned simulator held against finite elements", runs=runs, refined=refined,
                      about=about, say=say)
 
 

@@ -5,12 +5,13 @@ volume V_p [m3] and a gradient g_ap [1/m] for each node a. An element is a choic
 
 standard: g_ap is the gradient of the shape function of node a at the points of a Gauss rule.
 
-mean-dilatation (prisms, hexahedra, tetrahedra of second order): nearly incompressible cells have more points to keep their volume at than they have
-    freedom, and lock. All laws in material.py are sums of a part with mu and a part with lambda; the latter is sampled only
+mean-dilatation (prisms, hexahedra, tetrahedra of second order): nearly incompressible cells have more points to keep their volume at
+    than they have freedom, and lock. All laws in material.py are sums of a part with mu and a part with lambda; the latter is sampled only
     once in each cell, with the mean gradient (Hughes, The Finite Element Method, section 4.5). A hexahedron of 27 nodes has the linear
     functions of the cell's coordinates in place of the mean, those that are nearest to the gradient in it: its four dilatations are
-    sampled at four points that integrate them exactly (Q2/P1, which keeps the order of convergence: Boffi, Brezzi and Fortin, Mixed
-    Finite Element Methods, section 8.6). A tetrahedron of ten nodes with one dilatation (P2/P0) does not.
+    sampled at four points that integrate their squares exactly (Q2/P1, which keeps the order of convergence where cells are bricks:
+    Boffi, Brezzi and Fortin, Mixed Finite Element Methods, section 8.6). A tetrahedron of ten nodes with one dilatation (P2/P0) loses
+    one order, and locks no more.
 
 reduced (prisms whose triangles lie across a beam): locks neither then nor in bending. Along the beam, a linear deflection
     cannot follow a curvature; the slope that is missing turns up as shear, and stiffens cells of length h in a beam of

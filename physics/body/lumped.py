@@ -32,7 +32,7 @@ def node_masses(body: Elasticity) -> Floats:
         return body.weight(np.ones(3))[:, :1]
     mass = cell_volumes(mesh.points, mesh.cells, mesh.cell) * cellwise(body.material, mesh, lambda own: own.density)
     share = mass[:, None] * np.repeat([1 / 36, 4 / 27], [4, 6])
-    return np.bincount(mesh.cells.ravel(), share.ravel(), len(mesh.points))[:, None]
+    return np.bincount(mesh.cells.ravel(), share.ravel(), len(mesh.points)).astype(np.float64)[:, None]
 
 
 class Lumped:

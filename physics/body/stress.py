@@ -17,7 +17,11 @@ it changes in half a cell (Zienkiewicz and Zhu, Int. J. Numer. Meth. Engng 33, 1
 of cells there is nothing to fit: S^+ leaves out the directions in which the centres spread by less than SPREAD of what the nodes of
 their cells do.
 
-Legend: N nodes, C cells, n nodes of a cell, M tensors, k pairs of a node and a cell nearby.
+Cells of second order know their stress best at the points of the rule of one degree less (Barlow, Int. J. Numer. Meth. Engng 10, 1976,
+243): four in a tetrahedron, eight in a hexahedron. From these it goes on to a cell's nodes by the functions, linear or trilinear, that have
+its values there, and a node has the mean over its cells.
+
+Legend: N nodes, C cells, n nodes of a cell, P points of one that stress is taken at, M tensors, k pairs of a node and a cell nearby.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from physics.body.element import Samples
 from physics.body.kernel import Kernel
 from physics.body.material import by_region, lame
+from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import centre_gradients
 from physics.scene import Material, Materials
@@ -40,9 +45,10 @@ Floats = NDArray[np.float64]
 SPREAD = 0.1  # of centres over that of the nodes of their cells, as variances: two layers have 0.36 at their surface, one has 0
 
 
-def deformation(mesh: Mesh, displacement: ArrayLike) -> Floats:
-    """(C, 3, 3) deformation gradient F at the cells' centres for displacements (N, 3) [m]."""
-    gradients = centre_gradients(mesh.cell)  # (n, 3)
+def deformation(mesh: Mesh, displacement: ArrayLike, gradients: Floats | None = None) -> Floats:
+    """(C, 3, 3) deformation gradient F for displacements (N, 3) [m], at the cells' centres or where the shape functions have some
+    gradients (n, 3) by the cell's coordinates."""
+    gradients = centre_gradients(mesh.cell) if gradients is None else gradients
     rest = np.einsum("cni,nk->cik", mesh.points[mesh.cells], gradients)
     rest[:, mesh.dimension:, mesh.dimension:] = np.eye(3 - mesh.dimension)
     moved = np.einsum("cni,nk->cik", np.asarray(displacement, np.float64)[mesh.cells], gradients)
@@ -71,7 +77,10 @@ def thinned(F: Floats, material: Material) -> Floats:
 
 def cauchy(mesh: Mesh, displacement: ArrayLike, material: Materials) -> Floats:
     """(C, 3, 3) sigma [Pa] at the cells' centres for displacements (N, 3) [m]; not a number where a cell is inverted."""
-    F = deformation(mesh, displacement)
+    return _cauchy(mesh, deformation(mesh, displacement), material)
+
+
+def _cauchy(mesh: Mesh, F: Floats, material: Materials) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         found = np.empty_like(F)
         for own, cells in by_region(material, mesh):
@@ -94,16 +103,20 @@ def von_mises(mesh: Mesh, displacement: ArrayLike, material: Materials) -> Float
 
 
 def recovery(mesh: Mesh, material: Materials | None = None) -> scipy.sparse.csr_matrix:
-    """(N, C) what the value at each cell's centre counts at each node; a node of no cell has zeros.
+    """(N, P C) what the value at each point of each cell, of first order its centre, counts at each node; a node of no cell has zeros.
 
     Of several materials each one is fitted by itself, for stress jumps between them; a node that they share has the mean.
     """
     if isinstance(material, tuple):
-        found = scipy.sparse.csr_matrix((len(mesh.points), len(mesh.cells)))
+        points = len(_best(mesh.cell)) if CELLS[mesh.cell].middles else 1
+        found = scipy.sparse.csr_matrix((len(mesh.points), points * len(mesh.cells)))
         for _, cells in by_region(material, mesh):
-            whole = scipy.sparse.identity(len(mesh.cells), format="csr")[cells]
+            rows = (np.arange(len(mesh.cells))[cells] + len(mesh.cells) * np.arange(points)[:, None]).ravel()
+            whole = scipy.sparse.identity(points * len(mesh.cells), format="csr")[rows]
             found += recovery(replace(mesh, cells=mesh.cells[cells])) @ whole
         return scipy.sparse.diags(1 / np.maximum(np.asarray(found.sum(axis=1)).ravel(), 1.0)) @ found
+    if CELLS[mesh.cell].middles:
+        return _extrapolation(mesh)
     n, corners = mesh.cells.shape[1], mesh.points[mesh.cells]
     ends = n * np.arange(len(mesh.cells) + 1)
     touches = scipy.sparse.csr_matrix((np.ones(mesh.cells.size), mesh.cells.ravel(), ends), shape=(len(mesh.cells), len(mesh.points)))
@@ -139,4 +152,26 @@ def nodal_stress(mesh: Mesh, displacement: ArrayLike, material: Materials, at_no
     at_nodes: `recovery` of the mesh, where it is at hand
     """
     at_nodes = recovery(mesh, material) if at_nodes is None else at_nodes
-    return np.asarray(at_nodes @ cauchy(mesh, displacement, material).reshape(-1, 9)).reshape(-1, 3, 3)
+    if CELLS[mesh.cell].middles:
+        gradients = CELLS[mesh.cell].shapes(_best(mesh.cell))[1]
+        sigma = np.concatenate([_cauchy(mesh, deformation(mesh, displacement, each), material) for each in gradients])
+    else:
+        sigma = cauchy(mesh, displacement, material)
+    return np.asarray(at_nodes @ sigma.reshape(-1, 9)).reshape(-1, 3, 3)
+
+
+def _best(cell: str) -> Floats:
+    """(P, 3) where in a cell of second order its stress is best."""
+    return CELLS[cell].points if cell == "tetrahedron10" else CELLS["hexahedron"].points
+
+
+def _extrapolation(mesh: Mesh) -> scipy.sparse.csr_matrix:
+    """(N, P C) `recovery` of cells of second order, all cells' first points first."""
+    cell, cells = CELLS[mesh.cell], len(mesh.cells)
+    first = CELLS[cell.first]
+    share = first.shapes(cell.places)[0] @ np.linalg.inv(first.shapes(_best(mesh.cell))[0])  # (n, P)
+    many = np.maximum(np.bincount(mesh.cells.ravel(), minlength=len(mesh.points)), 1)
+    row = np.repeat(mesh.cells[None], share.shape[1], axis=0)  # (P, C, n)
+    column = np.broadcast_to(np.arange(share.shape[1] * cells).reshape(-1, cells, 1), row.shape)
+    values = np.broadcast_to(share.T[:, None], row.shape) / many[row]
+    return scipy.sparse.csr_matrix((values.ravel(), (row.ravel(), column.ravel())), shape=(len(mesh.points), share.shape[1] * cells))

@@ -57,13 +57,15 @@ class ContactSurface:
         """Args: kind "facets" or "nodes"; held (N,): not in contact; width: smallest of the obstacle [m].
 
         A quadrilateral has nine points, a triangle six and the side of a plane cell three, or, where the longest facet is longer than
-        the obstacle is wide, so many more that two points are nowhere further apart along an edge than half of the width.
+        the obstacle is wide, so many more that two points are nowhere further apart along an edge than half of the width. Facets of
+        second order have them on each of the four parts between their nodes.
 
         Raises:
             InputError: the obstacle is so thin that it could pass between the points
         """
         corners = [facets[:, :CELLS[kind_of(facets)].corners] for facets in mesh.boundary if len(facets)]
-        longest = max(float(np.linalg.norm(mesh.points[facets] - mesh.points[np.roll(facets, 1, axis=1)], axis=2).max()) for facets in corners)
+        longest = max(float(np.linalg.norm(mesh.points[facets] - mesh.points[np.roll(facets, 1, axis=1)], axis=2).max())
+                      for facets in corners)
         divisions = int(np.ceil(longest / width * (1 - 1e-9))) or 1
         if kind == "nodes" and divisions > 1:
             raise InputError(f"obstacle: {width:.3g} m wide, it could pass between nodes {longest:.3g} m apart; give smaller cells, or "
@@ -71,7 +73,8 @@ class ContactSurface:
         if divisions > FINEST:
             raise InputError(f"obstacle: {width:.3g} m wide, it is smaller than 1/{FINEST} of a cell's edge of {longest:.3g} m; "
                              "give smaller cells")
-        rows, columns, values, area = points_of(mesh, divisions)
+        finer = 2 if CELLS[mesh.cell].middles and kind == "facets" else 1
+        rows, columns, values, area = points_of(mesh, finer * divisions)
         weights = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(area), len(mesh.points)))
         if kind == "nodes":
             area = weights.T @ area

@@ -197,7 +197,8 @@ def cells_said(scene: Scene) -> str:
     element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
     if is_plane(scene.body):
         element += f", plane {scene.body.plane or 'strain'}, {scene.body.thickness or 1.0:g} m thick"
-    return f"{'the cells of the file' if scene.body.shape == 'file' else scene.body.cell + 's'}, of {'second' if scene.body.order == 2 else 'first'} order{element}"
+    cells = "the cells of the file" if scene.body.shape == "file" else scene.body.cell + "s"
+    return f"{cells}, of {'second' if scene.body.order == 2 else 'first'} order{element}"
 
 
 def material_said(scene: Scene) -> str:

@@ -58,7 +58,7 @@ def narrowest_order(elasticity: Stiffness) -> tuple[Integers, int]:
 
 
 def _graph(elasticity: Stiffness) -> scipy.sparse.csr_matrix:
-    """(N, N) which nodes are neighbours: by edges, in cells of second order, whose edges leave out middles of faces, by cells."""
+    """(N, N) which nodes are neighbours: by edges, in cells of second order by cells."""
     mesh, cells = elasticity.mesh, elasticity.cells
     if CELLS[mesh.cell].middles:
         touches = scipy.sparse.csr_matrix((np.ones(cells.size), cells.ravel(), cells.shape[1] * np.arange(len(cells) + 1)),

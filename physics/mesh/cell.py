@@ -131,7 +131,8 @@ def _simplex(middles: Corners, r: Floats, s: Floats, t: Floats) -> tuple[list[An
 def _tensor(places: Floats, r: Floats, s: Floats, t: Floats) -> tuple[list[Any], list[tuple[Any, ...]]]:
     """Of second order, with nodes at places (n, 2 or 3) of coordinates 0, 1/2 and 1."""
     zero, one = np.zeros_like(r), np.ones_like(r)
-    lines = [{0.0: ((1 - x) * (1 - 2 * x), 4 * x - 3), 0.5: (4 * x * (1 - x), 4 - 8 * x), 1.0: (x * (2 * x - 1), 4 * x - 1)} for x in (r, s, t)]
+    lines = [{0.0: ((1 - x) * (1 - 2 * x), 4 * x - 3), 0.5: (4 * x * (1 - x), 4 - 8 * x), 1.0: (x * (2 * x - 1), 4 * x - 1)}
+             for x in (r, s, t)]
     values, gradients = [], []
     for place in places.tolist():
         parts = [line[x] for line, x in zip(lines, place, strict=False)] + [(one, zero)] * (3 - len(place))
@@ -165,10 +166,12 @@ _FIRST = (
 
 
 def _second(name: str, plural: str, vtk: int, meshio: str, middles: Corners, points: Floats, weights: Floats) -> Cell:
-    """A cell of second order: its edges are halves, its facets have middles too."""
+    """A cell of second order: its edges are halves, and lead from the middles of squares and of the cell to those of what bounds them."""
     first = next(cell for cell in _FIRST if name.startswith(cell.name))
     at = {frozenset(corners): first.corners + i for i, corners in enumerate(middles)}
     edges = [half for a, b in first.edges for half in ((a, at[frozenset((a, b))]), (at[frozenset((a, b))], b))]
+    edges += [(at[frozenset(small)], at[frozenset(large)]) for large in middles for small in middles
+              if len(large) == 2 * len(small) and set(small) < set(large)]
     around = [(*facet, *(at[frozenset(pair)] for pair in zip(facet, facet[1:] + facet[:1], strict=True)),
                *(at[frozenset(facet)] for _ in range(len(facet) == 4))) for facet in (first.facets if first.dimension == 3 else ())]
     simplex = first.name in ("triangle", "tetrahedron")

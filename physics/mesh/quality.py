@@ -105,7 +105,8 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
 
     J is the Jacobian of the isoparametric map, X = points (N, 3) the rest positions, x = X + displacement (..., N, 3) [m]. Plane
     cells are looked at from z: J is that of x and y.
-    The quadrature points are those of degree 2, of cells of second order those of degree 3 in a tetrahedron and 5 in a hexahedron: in a hexahedron 2 x 2 x 2 Gauss points, in a prism the heights of the two
+    The quadrature points are those of degree 2; of cells of second order, where all nodes count, those of degree 3 in a tetrahedron and
+    5 in a hexahedron: in a hexahedron 2 x 2 x 2 Gauss points, in a prism the heights of the two
     Gauss points at the triangle's vertices (det J is linear across the triangle, so this bounds all points at that height).
     """
     x = np.asarray(points, np.float64) + np.asarray(displacement, np.float64)
@@ -118,7 +119,7 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
 
 
 def centre_gradients(cell: str) -> Floats:
-    """(n, 3) gradients of the shape functions at a cell's centre in its coordinates: of first order linear in each, so the vertices' mean."""
+    """(n, 3) gradients of the shape functions at a cell's centre in its coordinates: of first order linear, so the vertices' mean."""
     if CELLS[cell].middles:
         return CELLS[cell].shapes(CELLS[cell].places[:CELLS[cell].corners].mean(axis=0))[1]
     gradients = _samples(cell)[0]

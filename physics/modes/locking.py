@@ -20,6 +20,7 @@ from physics.mesh.sound.cells import PLACE
 from physics.scene import Material, Materials, Scene
 
 Floats = NDArray[np.float64]
+INCOMPRESSIBLE = 0.49  # Poisson's ratio from which second-order cells of standard sampling are told of
 TOLD = 0.05  # of a frequency, which is 10 % of the stiffness
 CHUNK = 20_000  # cells at once
 RIGID = 1e-7  # strain over displacement by extent, below which a body is not strained; in the thinnest beam that bends it is 1e-4
@@ -38,12 +39,16 @@ def said(mesh: Mesh, shapes: Floats, rigid: int, scene: Scene) -> tuple[str, ...
 
 
 def said_of_path(scene: Scene, mesh: Mesh, displacement: Floats, energy: Floats, linear: int) -> tuple[str, ...]:
-    """A remark when a body of first-order cells is much too stiff in the step that strains it most.
+    """A remark when a body of first-order cells is much too stiff in the step that strains it most, or one of second order may be.
 
     Args:
         displacement, energy: (T, N, 3) and (T,) of a path; linear: how many of its first steps solved linear elasticity
     """
     step = int(np.argmax(energy))
+    if energy[step] > 0 and scene.body.order == 2 and scene.body.element == "standard":
+        largest = max(material.poisson_ratio for material in scene.materials)
+        return () if largest < INCOMPRESSIBLE else (f"Poisson's ratio is {largest:g}: coarse cells resist too stiffly even so; "
+                                                    'take body.element = "mean-dilatation"',)
     if not energy[step] > 0 or not _may_lock(scene):
         return ()
     finite = not scene.linear and step > linear
@@ -51,7 +56,8 @@ def said_of_path(scene: Scene, mesh: Mesh, displacement: Floats, energy: Floats,
     if (1 + stiff) ** 0.5 - 1 < TOLD:
         return ()
     reduced = mesh.cell == "prism" and scene.body.shape == "beam" and scene.body.extent[0] >= max(scene.body.extent[1:])
-    other = ', or body.element = "reduced"' if reduced else ""
+    second = "tetrahedra or hexahedra of order 2" if mesh.cell == "prism" else "body.order = 2"
+    other = (', or body.element = "reduced"' if reduced else "") + (f", or {second}" if mesh.dimension == 3 else "")
     return (f"cells of first order resist too stiffly here: at step {step} the body by about {100 * stiff:.0f} %, so it moves too little "
             f"or pushes back too hard; take smaller cells{other}",)
 

@@ -39,12 +39,13 @@ class Body:
         0.001 for a file in millimetres.
 
     A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. `order` 2 has quadratic
-    displacements (not for prisms, and for modes only); cells of second order in a file then keep their curved sides. A plane
+    displacements, in tetrahedra of 10 and hexahedra of 27 nodes (not for prisms, and of plane cells for modes only); cells of second
+    order in a file then keep their curved sides. A plane
     body deforms in its plane, either with no strain across it (plane = "strain", the default: a slice of a long body) or with
     no stress ("stress": a thin sheet); `thickness` is its extent across [m].
 
-    `element` is how first-order cells are sampled (body/element.py): "reduced" lets the prisms of a beam bend as they should,
-    "mean-dilatation" frees prisms and hexahedra of locking near a Poisson ratio of 1/2.
+    `element` is how cells are sampled (body/element.py): "reduced" lets the first-order prisms of a beam bend as they should,
+    "mean-dilatation" frees prisms, hexahedra and tetrahedra of order 2 of locking near a Poisson ratio of 1/2.
 
     shape: one of these
     length, width, height: along x, y and z; a channel's length and height are along x and y
@@ -52,7 +53,7 @@ class Body:
     cell_size: their edges, about
     cell: their kind
     order: of the displacement in a cell
-    element: how first-order cells are sampled
+    element: how cells are sampled
     outline: of a panel, points (x, y)
     holes: of a panel, each (x, y, radius)
     layers: of a panel's cells; 2 when left out
