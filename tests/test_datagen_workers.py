@@ -58,7 +58,9 @@ def test_bars_are_for_terminals_and_start_where_the_run_before_ended(capsys, mon
     with _bar(3, 5) as bar:
         assert (bar.n, bar.total, bar.initial) == (3, 8, 3)
         bar.update()
-        assert bar.n == 4
+        assert bar.n == 4 and bar.unit == " trajectories" and not bar.disable
+    with _bar(3, 5, "") as bar:  # who shows how far things are himself
+        assert bar.disable
     assert list(progress([1], "looking")) == [1] and "looking" in capsys.readouterr().err
 
 

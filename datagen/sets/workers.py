@@ -153,7 +153,7 @@ def _ready(function: Callable[[Any], None], argument: Any, folder: Path, expecte
     function(argument)
 
 
-def _bar(kept: int, more: int, unit: str) -> tqdm[Any]:
+def _bar(kept: int, more: int, unit: str = UNIT) -> tqdm[Any]:
     return tqdm(total=kept + more, initial=kept, unit=unit, disable=None if unit else True)
 
 

@@ -1,9 +1,8 @@
 """Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report; where the trajectories have
 no scene, as imported ones, against the data alone.
 
-On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser
-meshes, and the solver that made the truth, run again here for its time. What is written: report.py; the rivals: rivals.py;
-how they are measured: measure.py. All rivals at once, timed with repeats: compare.py.
+On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser meshes, and the
+solver that made the truth, for its time. Written by report.py, rivals in rivals.py, measured by measure.py. All rivals: compare.py.
 """
 
 from __future__ import annotations
