@@ -8,6 +8,7 @@ A docstring tells of a key in a line `name: words` or `name, name: words`, which
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import re
 import sys
 import types
@@ -63,7 +64,7 @@ def _row(*entries: str) -> str:
 def _about(kind: type[Any]) -> dict[str, str]:
     found: dict[str, str] = {}
     for one in reversed(kind.__mro__[:-1]):
-        for names, words in re.findall(r"^ *(\w+(?:, \w+)*): (.+(?:\n {8,}.+)*)", one.__doc__ or "", re.MULTILINE):
+        for names, words in re.findall(r"^(\w+(?:, \w+)*): (.+(?:\n {4,}.+)*)", inspect.getdoc(one) or "", re.MULTILINE):
             found |= dict.fromkeys(names.split(", "), " ".join(words.split()))
     return found
 
