@@ -124,7 +124,6 @@ def segment(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
 
 def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     """A network, trained on a data set."""
-    from datagen.files.trajectory import read_trajectory
     from datagen.sets.dataset import files
     from learning.config import load_config
     from learning.training.kinds import train as run
@@ -136,7 +135,7 @@ def train(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     valid = files(options.data, "valid") if Path(options.data, "valid").is_dir() else []
     result = run(config, files(options.data, "train"), valid, out, steps=options.steps, resume=options.resume, device=options.device)
     error = result["best_error"]
-    size = "" if error is None else f"{error:.4g} m/s" if valid and read_trajectory(valid[0]).flows else f"{1e3 * error:.3f} mm"
+    size = "" if error is None else f"{error:.4g} m/s" if valid and _flows(valid[0]) else f"{1e3 * error:.3f} mm"
     say(f"{result['steps']} steps in {result['seconds']:.0f} s, loss {result['loss']:.4g}"
         + (f", best validation error {size} (RMSD of whole rollouts over {len(valid)} validation "
            f"trajector{'y' if len(valid) == 1 else 'ies'}, free nodes)" if error is not None else "") + f": {out}")
@@ -244,7 +243,7 @@ def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     from learning.report.evaluate import evenly
 
     out = writable(options.out)
-    if Path(options.what).suffix.lower() != ".toml":
+    if Path(options.what, options.split).is_dir():
         found = files(options.what, options.split)
         if _flows(found[0]):
             chosen = [found[i] for i in evenly(options.count, len(found))]
@@ -264,10 +263,13 @@ def study(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
 
 def _flows(path: Path) -> bool:
-    """Whether a trajectory is a flow."""
+    """Whether a file holds a flow; one that cannot be read is left to whoever needs it."""
     from datagen.files.trajectory import read_trajectory
 
-    return read_trajectory(path).flows
+    try:
+        return read_trajectory(path).flows
+    except InputError:
+        return False
 
 
 def _of_flows(options: Options, files: list[Path], runs: list[str], out: Path, say: Say, *, repeats: int = 1,

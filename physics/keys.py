@@ -1,6 +1,6 @@
 """The keys of a file, as the dataclass that reads it and its docstring tell them: for tables of the docs and for help.
 
-    .venv/bin/python -m physics.keys      those of a scene
+    .venv/bin/python -m physics.keys body      those of [body]; the other tables of a scene stand in SCENE
 
 A docstring tells of a key in a line `name: words` or `name, name: words`, which may go on indented.
 """
@@ -8,7 +8,9 @@ A docstring tells of a key in a line `name: words` or `name, name: words`, which
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import re
+import sys
 import types
 import typing
 from dataclasses import MISSING, dataclass
@@ -62,7 +64,7 @@ def _row(*entries: str) -> str:
 def _about(kind: type[Any]) -> dict[str, str]:
     found: dict[str, str] = {}
     for one in reversed(kind.__mro__[:-1]):
-        for names, words in re.findall(r"^ *(\w+(?:, \w+)*): (.+(?:\n {8,}.+)*)", one.__doc__ or "", re.MULTILINE):
+        for names, words in re.findall(r"^(\w+(?:, \w+)*): (.+(?:\n {4,}.+)*)", inspect.getdoc(one) or "", re.MULTILINE):
             found |= dict.fromkeys(names.split(", "), " ".join(words.split()))
     return found
 
@@ -106,15 +108,16 @@ def _form(hint: Any) -> str:
     return what if Ellipsis in typing.get_args(hint) else f"{NUMBERS[len(inner)]} {what}"
 
 
-def scene_tables() -> str:
-    """The keys of every table of a scene, solid or flow, under a heading for each table."""
-    shown = {"[body]": body.Body, "[material], or [[material]] for each region": body.Material,
-             "[[support]]": parts.Support, "[[load]]": parts.Load, "[obstacle], or [[obstacle]] for each": parts.Obstacle,
-             "[steps]": parts.Steps, "where = { .. }, a place by coordinates": body.Where,
-             "[fluid], which makes a flow of a scene": flow.Fluid, "[[inflow]]": flow.Inflow, "[[outflow]]": flow.Outflow,
-             "[[wall]]": flow.Wall, "[force]": flow.Force, "[steps] of a flow": flow.FlowSteps}
-    return "\n\n".join(f"### {head}\n\n{table(key.entries for key in keys(kind))}" for head, kind in shown.items())
+SCENE: dict[str, type[Any]] = {
+    "body": body.Body, "material": body.Material, "where": body.Where, "support": parts.Support, "load": parts.Load,
+    "obstacle": parts.Obstacle, "steps": parts.Steps, "fluid": flow.Fluid, "inflow": flow.Inflow, "outflow": flow.Outflow,
+    "wall": flow.Wall, "force": flow.Force, "flow-steps": flow.FlowSteps}
+
+
+def scene_table(name: str) -> str:
+    """The keys of one table of a scene, solid or flow."""
+    return table(key.entries for key in keys(SCENE[name]))
 
 
 if __name__ == "__main__":
-    print(scene_tables())
+    print(scene_table(sys.argv[1]))

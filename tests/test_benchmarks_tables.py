@@ -72,8 +72,8 @@ def test_every_table_of_the_pages_names_a_module_that_prints_it():
     assert len(found) == sum(page.read_text().count("\n<!-- made by: ") for page in PAGES) > 10
     for _, command in found:
         python, flag, module, *_ = shlex.split(command)
-        assert [python, flag] == [".venv/bin/python", "-m"] and module.split(".")[0] in ("benchmarks", "learning"), command
-        assert module.startswith("learning") or callable(importlib.import_module(module).main)
+        assert [python, flag] == [".venv/bin/python", "-m"] and module.split(".")[0] in ("benchmarks", "learning", "physics"), command
+        assert module.startswith(("learning", "physics")) or callable(importlib.import_module(module).main)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -79,7 +79,7 @@ WRONG = [
     ("height of a plane plate", {"body": {"shape": "plate", "length": 1, "width": 1, "height": 1, "cells": [2, 2], "cell": "triangle"}},
      "body.height: a plane plate takes"),
     ("edge that is none", {"support": [{"where": "x-min z-mid"}]}, "did you mean 'z-min'?"),
-    ("no such shape", {"body": {"shape": "sphere"}}, "must be one of beam, plate, channel, file"),
+    ("no such shape", {"body": {"shape": "sphere"}}, "must be one of beam, plate, channel, panel, file"),
 ]
 
 

@@ -89,8 +89,8 @@ def test_the_other_verbs_pass_on_what_they_were_given_and_say_what_came_back(ver
     assert verb("card", datagen.sets.card, "write_card", tmp_path, folder="F", refined=2) == (
         {"out": str(tmp_path)}, [("F", {"refined": 2})], [f"card: {tmp_path}"])
     packed = {"trajectories": 3, "bytes": 2_345_678, "ratio": 45.6, "largest_error": 9.8765e-7}
-    assert verb("pack", datagen.sets.pack, "pack", packed, folder="F", out="P", tolerance=0.5, share=None) == (
-        packed, [("F", "writable P.pack", {"tolerance": 0.5, "share": None})],
+    assert verb("pack", datagen.sets.pack, "pack", packed, folder="F", out="P", tolerance=0.5, share=0.01) == (
+        packed, [("F", "writable P.pack", {"tolerance": 0.5, "share": 0.01})],
         ["3 trajectories, 2.35 MB, 46 times smaller, largest error 9.88e-07 m: writable P.pack"])
     some = {"trajectories": 3}
     assert verb("unpack", datagen.sets.pack, "unpack", some, file="P", out="G") == (some, [("P", "writable G", {})], ["3 trajectories: G"])

@@ -111,7 +111,7 @@ def test_what_is_tried_are_three_numberings(monkeypatch):
     shuffled = np.random.default_rng(0).permutation(count)
 
     def body(points, cells):
-        return SimpleNamespace(mesh=SimpleNamespace(points=points, edges=cells, dimension=3), cells=cells)
+        return SimpleNamespace(mesh=SimpleNamespace(points=points, edges=cells, dimension=3, cell="prism"), cells=cells)
 
     # A ring can be numbered with neighbours two apart, to and fro: 3 * 2 + 2.
     where = np.random.default_rng(1).normal(size=(count, 3))

@@ -31,7 +31,7 @@ def test_over_several_paths_there_are_means_and_of_extremes_the_extreme():
     found = gathered(each)
     assert (found["rmsd_all"], found["effectivity"]) == (3.0, 3.5) and math.isnan(found["ar"])
     assert {name: found[name] for name in EXTREMES} == {"largest_penetration": 6, "smallest_det_f": 1, "smallest_scaled_jacobian": 1,
-                                                         "inverted_elements": 6}
+                                                         "inverted_elements": 6, "flux_error": 6, "slip": 6}
     each[0]["smallest_det_f"] = math.nan
     assert gathered(each)["smallest_det_f"] == 2
 

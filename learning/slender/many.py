@@ -10,7 +10,7 @@ Legend: n paths, F frames that are asked for, K poses of a path, P = n K, S sect
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from torch import Tensor
 
 from learning.slender.beam import Beam
-from learning.slender.features import look
+from learning.slender.features import left, look
 from learning.slender.model import Slender
 from learning.slender.path import knots
 from learning.slender.touch import Obstacle, first_touch, groove
@@ -92,10 +92,16 @@ def predict_many(model: Slender, paths: Paths, frames: Floats) -> Frames:
     beam, touched = paths.beam, paths.first_touch.numpy()
     start = np.where(touched < 1, touched, 0.0)[:, None]  # those that never touch are looked at, and then put to rest
     share = np.ones(1) if (frames == 1).all() else knots(0.0, model.config.poses)
-    at = torch.as_tensor(start + (1 - start) * share)  # (n, K)
+
+    def centres(share: Floats) -> Tensor:
+        at = torch.as_tensor(start + (1 - start) * share)[..., None]  # (n, K, 1)
+        return paths.start[:, None] + at * (paths.end - paths.start)[:, None]
+
     with torch.inference_mode():
-        centre = paths.start[:, None] + at[..., None] * (paths.end - paths.start)[:, None]
-        seen = look(beam, centre.flatten(0, 1), paths.obstacle(len(share)))
+        seen = look(beam, centres(share).flatten(0, 1), paths.obstacle(len(share)))
+        if beam.round:  # what happened on the way counts, even where the last frame alone is asked for
+            every = knots(0.0, model.config.poses)
+            seen = replace(seen, jumps=left(beam, centres(every), paths.obstacle(len(every)))[:, -len(share):].flatten())
         coefficients, doubt = model.answer(seen)
         strange = model.strange(seen)
     said = coefficients.numpy().reshape(len(paths), len(share), -1)

@@ -13,7 +13,7 @@ Legend: T frames, K poses, N nodes, S sections.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -57,6 +57,7 @@ def predict(model: Slender, scene: Scene, points: Floats) -> Path:
     poses = knots(beam.first_touch, model.config.poses)
     with torch.inference_mode():
         seen = shown(beam, poses)
+        seen = replace(seen, jumps=seen.jumps.cumsum(0) > 0)  # past a jump theory may be in another groove than the body
         coefficients, doubt = model.answer(seen)
     nodes = beam.nodes(coefficients.numpy()).reshape(len(poses), -1)
     weights = CubicSpline(poses, np.eye(len(poses)))(frames[first:]).astype(np.float32)
