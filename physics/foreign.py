@@ -24,6 +24,8 @@ def read_foreign(path: Path) -> Any:
             found = meshio.read(path)  # meshio prints, and ends the program
     except (Exception, SystemExit) as error:  # its readers raise whatever a damaged file leads them to
         words = [] if isinstance(error, SystemExit) else str(error).split("\n")
+        if isinstance(error, UnicodeDecodeError):
+            words = ["it is cut short or damaged, for it is text up to some place only"]
         if isinstance(error, KeyError):
             words = [f"{error} is not known to it"]
         words += [line.removeprefix("Error:") for line in said.getvalue().splitlines()]

@@ -72,6 +72,11 @@ def quantity(default: Any = MISSING, *, unit: str = "", above: float | None = No
     return dataclasses.field(default=default, metadata={"bound": bound})
 
 
+def missing(path: Path) -> str:
+    """Why there is no file to be read at a path; "" when there is one."""
+    return "" if path.is_file() else "is a folder; a file is wanted here" if path.is_dir() else "no such file"
+
+
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The table in a TOML file. Raises `InputError` when there is none or when it is not TOML."""
     try:

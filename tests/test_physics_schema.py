@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from physics.scene import Body, Material, Scene, read_scene
-from physics.schema import Bound, InputError, WorkError, nearest, quantity, read_table, read_toml, to_table
+from physics.schema import Bound, InputError, WorkError, missing, nearest, quantity, read_table, read_toml, to_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,3 +156,9 @@ def test_numbers_of_numpy_in_a_dataclass_are_written_as_plain_ones():
     scene = Scene(body=body, material=Material(young_modulus=np.float32(2.0), poisson_ratio=0.25))
     assert Scene.from_toml(scene.to_toml()).body == Body(length=0.06, width=0.02, height=0.02, cells=(12, 4, 4))
     assert "np." not in scene.to_toml() and "young_modulus = 2.0" in scene.to_toml()
+
+
+def test_what_is_missing_is_told_from_what_is_a_folder(tmp_path):
+    (tmp_path / "there").write_text("")
+    assert missing(tmp_path / "there") == "" and missing(tmp_path / "none") == "no such file"
+    assert missing(tmp_path) == "is a folder; a file is wanted here"

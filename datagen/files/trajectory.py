@@ -55,7 +55,7 @@ from datagen.files.layout import displacements, misshapen
 from datagen.files.places import Places, read_places, with_places, write_places, wrong_places
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
-from physics.schema import InputError
+from physics.schema import InputError, missing
 from physics.whole import write_whole
 
 SCHEMA = 1
@@ -218,8 +218,8 @@ def _write(file: h5py.File, trajectory: Trajectory) -> None:
 def read_trajectory(path: str | Path) -> Trajectory:
     """Read a whole file. Raises `InputError` in one line when it is missing, cut short, damaged or of another kind."""
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    if why := missing(path):
+        raise InputError(f"{path}: {why}")
     try:
         with h5py.File(path, "r") as file:
             found = _read(file)

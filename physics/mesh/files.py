@@ -21,7 +21,7 @@ from physics.mesh.places import called
 from physics.mesh.sound.cells import by_shape, once, upright
 from physics.mesh.sound.curved import curved
 from physics.mesh.sound.fit import fitting
-from physics.schema import InputError
+from physics.schema import InputError, missing
 
 OWN = {".msh": gmsh.read, ".inp": abaqus.read, ".su2": su2.read, ".bdf": nastran.read, ".nas": nastran.read, ".fem": nastran.read}
 SMALLEST, LARGEST = 1e-9, 1e9  # [m] a body
@@ -71,8 +71,8 @@ def write_mesh(path: str | Path, mesh: Mesh, fields: dict[str, Floats]) -> None:
 
 def _read(path: Path) -> Raw:
     """What a file says. Raises `InputError`."""
-    if not path.is_file():
-        raise InputError("no such file")
+    if why := missing(path):
+        raise InputError(why)
     ending = path.suffix.lower()
     if ending == ".xdmf":
         try:

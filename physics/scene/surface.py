@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from physics.foreign import read_foreign
-from physics.schema import InputError
+from physics.schema import InputError, missing
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -45,8 +45,8 @@ def read_surface(path: str | Path) -> tuple[str, str]:
     """
     path = Path(path)
     try:
-        if not path.is_file():
-            raise InputError("no such file")
+        if why := missing(path):
+            raise InputError(why)
         stamp = path.stat()
         text, said = _read(path, stamp.st_mtime_ns, stamp.st_size)
     except InputError as error:
