@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import torch
 
@@ -26,3 +28,14 @@ def device_of(word: str = "auto") -> torch.device:
     if wanted >= count:
         raise InputError(f"--device {word}: there {'is one GPU' if count == 1 else f'are {count} GPUs'}, numbered from 0")
     return torch.device("cuda", wanted)
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """On the processor torch has one thread here, and then as many as before."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

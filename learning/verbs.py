@@ -242,16 +242,15 @@ def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     from learning.report.compare import compare
     from learning.report.evaluate import evenly
 
-    out = writable(options.out)
+    out, only = writable(options.out), [kind.strip() for kind in options.only.split(",") if kind.strip()]
     if Path(options.what, options.split).is_dir():
         found = files(options.what, options.split)
         if _flows(found[0]):
             chosen = [found[i] for i in evenly(options.count, len(found))]
-            return _of_flows(options, chosen, options.run, out, say, repeats=options.repeats,
-                             only=[kind.strip() for kind in options.only.split(",") if kind.strip()])
+            return _of_flows(options, chosen, options.run, out, say, repeats=options.repeats, only=only)
     return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
                    repeats=options.repeats, predictions=options.prediction, functions=options.predictor, device=options.device,
-                   only=[kind.strip() for kind in options.only.split(",") if kind.strip()], say=say)
+                   only=only, say=say)
 
 
 def study(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:

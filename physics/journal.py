@@ -10,6 +10,7 @@ than the frames and `WASTE` together, the file is written anew without it. While
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import io
 import os
 import time
@@ -30,6 +31,14 @@ WASTE = 50_000_000  # bytes
 MAGIC = b"fidelity journal 2\n"  # another number: what the solver remembers has other names
 
 Arrays = dict[str, NDArray[Any]]
+
+
+def digest_of(text: str, *arrays: NDArray[Any]) -> str:
+    """SHA-256 of a scene's text and of what belongs to it: whose path a journal is."""
+    digest = hashlib.sha256(text.encode())
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 def flatten(memory: Any, before: str = "") -> Arrays:

@@ -8,7 +8,6 @@ Legend: N nodes, T steps + 1.
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.state import NoEquilibrium
-from physics.journal import Journal, flatten, unflatten
+from physics.journal import Journal, digest_of, flatten, unflatten
 from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
@@ -164,11 +163,8 @@ def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread:
 
 def identity(scene: Scene, mesh: Mesh) -> str:
     """One line that no other scene has, nor this one with another mesh in its file."""
-    digest = hashlib.sha256(scene.to_toml().encode())
     of_file = [mesh.places[name] for name in sorted(mesh.places)] if scene.body.shape == "file" else []
-    for array in (mesh.points, mesh.cells, *of_file):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    return digest_of(scene.to_toml(), mesh.points, mesh.cells, *of_file)
 
 
 def snapped(snap: Floats) -> dict[str, str]:

@@ -3,6 +3,7 @@
 import logging
 
 import numpy as np
+import pytest
 import ufl
 from dolfinx import fem as dolfinx_fem
 from dolfinx.fem import petsc as dolfinx_petsc
@@ -68,3 +69,15 @@ class DolfinxElasticity(Elasticity):
     def stiffness(self, u):
         self._u.x.array[:] = self.space.to_dofs(u)
         return assemble_matrix(self._tangent, self._forms[2], self._conditions)
+
+
+def assert_assembled_as_by_dolfinx(ours, size):
+    """Energy, forces and stiffness at random displacements up to a size [m] are what dolfinx assembles, to rounding."""
+    theirs = DolfinxElasticity(ours)
+    u = np.random.default_rng(3).uniform(-size, size, ours.mesh.points.shape)
+    assert ours.energy(u) == pytest.approx(theirs.energy(u), rel=1e-12)
+    assert abs(ours.force(u) - theirs.force(u)).max() < 1e-12 * abs(theirs.force(u)).max()
+    difference = ours.stiffness(u).copy()
+    scale = difference.norm()
+    difference.axpy(-1.0, theirs.stiffness(u))
+    assert difference.norm() < 1e-12 * scale

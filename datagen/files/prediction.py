@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -140,8 +141,8 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
         each[name] = found
         if worst is None or found["rmsd_all"] > worst[0]:
             worst = found["rmsd_all"], mesh, u, v, found["worst_step"], truth.obstacle
-    figures = _gathered(list(each.values())) if several else next(iter(each.values()))
-    idle = _gathered(still)
+    figures = over_files(list(each.values())) if several else next(iter(each.values()))
+    idle = over_files(still)
     result = {**figures, "nothing_moves": idle, "units": {name: column.si for name, column in _figures(figures).items()},
               "verdict": verdict(figures, idle), "remarks": list(remarks)} | ({"files": each} if several else {})
     if out is not None:
@@ -163,10 +164,13 @@ def lines(result: dict[str, Any]) -> list[str]:
         head = f"{column.head} [{column.unit}]" if column.unit else column.head
         values = [shown(column.factor * result[of][name] if of else column.factor * result[name]) for of in ("", "nothing_moves")]
         said.append(f"{head:24s} {values[0]:>12s} {values[1]:>14s}")
-    if "worst_step" in result:
-        said.append(f"{'farthest off at frame':24s} {result['worst_step']:12d}")
-    for name, figures in result.get("files", {}).items():
-        said.append(f"{name}: RMSD-all {shown(1e3 * figures['rmsd_all'])} mm, residual {shown(figures['relative_residual'])}")
+    return said + ending(result, 24, lambda of: f"RMSD-all {shown(1e3 * of['rmsd_all'])} mm, residual {shown(of['relative_residual'])}")
+
+
+def ending(result: dict[str, Any], width: int, of_file: Callable[[dict[str, Any]], str]) -> list[str]:
+    """What stands below a table whose first column is so wide: the worst frame, a line for each file, the verdict, remarks."""
+    said = [f"{'farthest off at frame':{width}s} {result['worst_step']:12d}"] if "worst_step" in result else []
+    said += [f"{name}: {of_file(figures)}" for name, figures in result.get("files", {}).items()]
     return [*said, result["verdict"], *(f"remark: {text}" for text in result["remarks"])]
 
 
@@ -174,7 +178,8 @@ def _figures(found: dict[str, Any]) -> dict[str, Column]:
     return FIGURES | field_columns(found)
 
 
-def _gathered(each: list[dict[str, Any]]) -> dict[str, float]:
+def over_files(each: list[dict[str, Any]]) -> dict[str, float]:
+    """What `gathered` makes of the figures of some files, of which each has a worst frame of its own."""
     return gathered([{key: value for key, value in figures.items() if key != "worst_step"} for figures in each])
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.files.places import remarks_on_file
-from datagen.files.prediction import finite, together
+from datagen.files.prediction import ending, finite, over_files, together
 from datagen.files.prediction import verify_files as verify_solids
 from datagen.files.trajectory import Trajectory, read_sound, read_trajectory
 from datagen.flow.figures import predicted_nodes, resting
-from physics.fidelity.figures import FLOW, gathered, shown, verdict_of_flow
+from physics.fidelity.figures import FLOW, shown, verdict_of_flow
 from physics.fidelity.flow import FlowReference, nothing_changes
 from physics.flow.space import FlowSpace
 from physics.flow.stored import computed_mesh, stored
@@ -135,14 +135,15 @@ def verify_flows(files: list[tuple[str, Path, Path]], out: Path | None = None) -
         remarks |= dict.fromkeys(remarks_on_file(truth.trajectory.extra))
         each[name] = vars(reference.verify(u, p))
         own.append(vars(reference.verify(reference.velocity, reference.pressure)))
-        still = None if reference.pressure is None else nothing_changes(reference.pressure, truth.first, np.ones(u.shape[1], bool))
-        idle.append(vars(reference.verify(nothing_changes(reference.velocity, truth.first, reference.predicted), still)))
+        kept = None if reference.pressure is None else nothing_changes(reference.pressure, truth.first, np.ones(u.shape[1], bool))
+        idle.append(vars(reference.verify(nothing_changes(reference.velocity, truth.first, reference.predicted), kept)))
         if worst is None or each[name]["velocity_rmse_all"] > worst[0]:
             worst = each[name]["velocity_rmse_all"], truth.trajectory, file, each[name]["worst_step"]
     several = len(files) > 1
-    figures = _gathered(list(each.values())) if several else next(iter(each.values()))
-    result = {**figures, "nothing_changes": _gathered(idle), "data": _gathered(own),
-              "units": {name: column.si for name, column in FLOW.items()}, "verdict": verdict_of_flow(figures, _gathered(idle)),
+    figures = over_files(list(each.values())) if several else next(iter(each.values()))
+    still = over_files(idle)
+    result = {**figures, "nothing_changes": still, "data": over_files(own),
+              "units": {name: column.si for name, column in FLOW.items()}, "verdict": verdict_of_flow(figures, still),
               "remarks": list(remarks)} | ({"files": each} if several else {})
     if out is not None and worst is not None:
         from physics.view import flow_picture
@@ -161,12 +162,4 @@ def flow_lines(result: dict[str, Any]) -> list[str]:
         head = f"{column.head} [{column.unit}]" if column.unit else column.head
         values = [shown(of[name]) for of in (result, result["nothing_changes"], result["data"])]
         said.append(f"{head:30s} {values[0]:>12s} {values[1]:>16s} {values[2]:>12s}")
-    if "worst_step" in result:
-        said.append(f"{'farthest off at frame':30s} {result['worst_step']:12d}")
-    for name, figures in result.get("files", {}).items():
-        said.append(f"{name}: RMSE-all {shown(figures['velocity_rmse_all'])} m/s, residual {shown(figures['momentum_residual'])}")
-    return [*said, result["verdict"], *(f"remark: {text}" for text in result["remarks"])]
-
-
-def _gathered(each: list[dict[str, Any]]) -> dict[str, float]:
-    return gathered([{key: value for key, value in figures.items() if key != "worst_step"} for figures in each])
+    return said + ending(result, 30, lambda of: f"RMSE-all {shown(of['velocity_rmse_all'])} m/s, residual {shown(of['momentum_residual'])}")

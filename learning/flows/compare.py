@@ -13,21 +13,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from datagen.files.prediction import find_prediction
 from datagen.flow.prediction import FlowTruth, fields_of, read_flow_prediction, read_flow_truth
+from learning.devices import one_core
 from learning.flows.report import ERRORS, FlowReport, write_flow_report
 from learning.flows.rivals import REFERENCE, FlowPath, FlowPredictor, elements, trivial
 from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.foreign import brought
 from learning.prediction.predictor import LeftOut
 from learning.prediction.rollout import predict_step, rollout
+from learning.prediction.surrogates import seconds_of
+from learning.report.compare import check_kinds
 from learning.report.cost import called
-from learning.report.table import KINDS, Row
+from learning.report.table import Row
 from physics.fidelity.figures import gathered
-from physics.schema import InputError, nearest
+from physics.schema import InputError
 
 SAMPLE = 40  # frames whose equations are looked at
 LONG = 1.0  # [s]: what takes longer is timed once
@@ -60,9 +62,7 @@ def compare_flows(files: Sequence[Path], runs: Sequence[str | Path], out: str | 
     Raises:
         InputError: a file that is no flow, no whole checkpoint, a prediction that is missing
     """
-    for kind in only:
-        if kind not in KINDS:
-            raise InputError(f"--only {kind}: must be some of {', '.join(KINDS)}{nearest(kind, KINDS)}")
+    check_kinds(only)
     models: dict[str, Model] = {}
     for run in runs:
         model = load_model(run, device)
@@ -78,12 +78,8 @@ def compare_flows(files: Sequence[Path], runs: Sequence[str | Path], out: str | 
     every = [predictor for predictor in every if not only or predictor.kind in (*only, "reference", "foreign")]
     if twice := [one.name for one in every if [each.name for each in every].count(one.name) > 1]:
         raise InputError(f"two predictors are called {twice[0]!r}: give each a name of its own")
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with one_core():
         found = _measured(every, truths, [file.stem for file in files], repeats)
-    finally:
-        torch.set_num_threads(before)
     report = FlowReport(found.rows, [str(file) for file in files], found.notes, list(models))
     content = write_flow_report(Path(out), report, truths, found.worst)
     if say is not None:
@@ -104,12 +100,10 @@ def learned(model: Model, name: str) -> FlowPredictor:
             made = rollout(model, truth.trajectory)
         except FloatingPointError as error:
             raise LeftOut(f"it blows up: {error}") from None
-        spent, wall = time.process_time() - start, time.perf_counter() - began
-        share = min(1.0, made.extra["seconds_per_step"] * (len(made.displacement) - 1) / wall)
+        seconds, set_up = seconds_of(made, start, began)
         velocity, pressure = fields_of(made)
         steps = predict_step(model, truth.trajectory)[truth.first:, :, :2].astype(np.float64)
-        return FlowPath(velocity=velocity, pressure=pressure, one_step=steps, seconds=share * spent, set_up=(1 - share) * spent,
-                        shown=truth.first)
+        return FlowPath(velocity=velocity, pressure=pressure, one_step=steps, seconds=seconds, set_up=set_up, shown=truth.first)
 
     return FlowPredictor(name, "learned", predict)
 

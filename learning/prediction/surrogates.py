@@ -42,7 +42,7 @@ def learned(model: Model | AtOnce, name: str = "M4GN", *, single_steps: bool = T
         except FloatingPointError as error:
             raise LeftOut(f"it blows up: {error}") from None
         body = case.trajectory.body
-        seconds, set_up = _split(predicted, start, began)
+        seconds, set_up = seconds_of(predicted, start, began)
         steps = predict_step(model, case.trajectory)[:, body] if single_steps else None
         return Prediction(path=predicted.displacement[:, body], one_step=steps, seconds=seconds, set_up=modes + set_up,
                           fields=predicted.fields)
@@ -74,7 +74,7 @@ def corrected(model: Model | AtOnce, count: int | None, name: str = "M4GN") -> P
         modes = _modes_seconds(model, case)
         start, began = time.process_time(), time.perf_counter()
         predicted, corrector = corrected_rollout(model, case.trajectory, case.scene, case.mesh, count)
-        seconds, set_up = _split(predicted, start, began)
+        seconds, set_up = seconds_of(predicted, start, began)
         return Prediction(path=predicted.displacement[:, case.trajectory.body], seconds=seconds, set_up=modes + set_up,
                           iterations=corrector.iterations, fields=predicted.fields)
 
@@ -121,7 +121,7 @@ def corrected_rollout(model: Model | AtOnce, trajectory: Trajectory, scene: Scen
         raise LeftOut(f"it blows up: {error}") from None
 
 
-def _split(predicted: Trajectory, start: float, began: float) -> tuple[float, float]:
+def seconds_of(predicted: Trajectory, start: float, began: float) -> tuple[float, float]:
     """Processor seconds of the steps and of the set-up of a rollout that began at these processor and wall times.
 
     A rollout knows the wall time of its steps; their share of the whole is taken for both clocks.

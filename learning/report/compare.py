@@ -10,12 +10,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from datagen.files.solved import as_solved, solved_on
 from datagen.sets.dataset import files
 from datagen.sets.generate import trajectory_of
 from learning.bodies.at_once import AtOnce
+from learning.devices import one_core
 from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.foreign import Own
 from learning.prediction.predictor import Case, Predictor
@@ -55,21 +54,22 @@ def compare(what: str | Path, runs: Sequence[str | Path], out: str | Path, *, co
     """
     models = {str(run): load_model(run, device) for run in runs}
     cases = scene_case(what) if Path(what).suffix.lower() == ".toml" else some_cases(what, split, count)
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with one_core():
         own, about = own_predictors(predictions, functions, cases)
         return report_on([*own, *chosen(predictors(models), only)], cases, Path(out), about=about, title="Speed against error", runs=models,
                          refined=len(cases) if refined is None else refined, repeats=repeats, say=say)
-    finally:
-        torch.set_num_threads(before)
+
+
+def check_kinds(only: Sequence[str]) -> None:
+    """Raises `InputError` for a kind of predictors that is none."""
+    for kind in only:
+        if kind not in KINDS:
+            raise InputError(f"--only {kind}: must be some of {', '.join(KINDS)}{nearest(kind, KINDS)}")
 
 
 def chosen(every: Sequence[Predictor], only: Sequence[str]) -> list[Predictor]:
     """The predictors of some kinds, the reference always among them; all of them when no kind is named. Raises `InputError`."""
-    for kind in only:
-        if kind not in KINDS:
-            raise InputError(f"--only {kind}: must be some of {', '.join(KINDS)}{nearest(kind, KINDS)}")
+    check_kinds(only)
     return [predictor for predictor in every if not only or predictor.kind in (*only, "reference")]
 
 

@@ -130,13 +130,11 @@ def _sets(plan: Plan, out: Path, data: str | Path | None, workers: int | None, s
 def _idle(plan: Plan, out: Path, tests: Sequence[tuple[Any, Path]]) -> dict[str, dict[str, Any]]:
     """Figures of a body that never moves, by test; kept."""
     found: dict[str, dict[str, Any]] = {}
-    known: dict[str, dict[str, Any]] = {}
     for test, folder in tests:
         path = out / "runs" / f"still-{slug(test.data)}.json"
         if not path.exists():
             write_json(path, still(files(folder, "test")))
-        known.setdefault(test.data, json.loads(path.read_text()))
-        found[test.name] = known[test.data]
+        found[test.name] = json.loads(path.read_text())
     return found
 
 

@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 
 ROUNDING = 1e-12  # of a shape function
 
+
 def points_of(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
     """Point number, node and weight triplets, and areas, of the points of all facets, each facet divided along its edges."""
     rows, columns, values, areas, count = [], [], [], [], 0
@@ -87,9 +88,10 @@ def merged(weights: scipy.sparse.csr_matrix, area: Floats) -> tuple[scipy.sparse
     """Points that several facets share, made one, with the sum of their areas."""
     weights.eliminate_zeros()
     weights.sort_indices()
-    key = np.zeros((weights.shape[0], 19))
-    key[:, 0] = np.diff(weights.indptr)
-    for i in range(9):
+    nodes = np.diff(weights.indptr)
+    key = np.zeros((len(nodes), 1 + 2 * int(nodes.max(initial=0))))
+    key[:, 0] = nodes
+    for i in range(int(nodes.max(initial=0))):
         has = key[:, 0] > i
         at = weights.indptr[:-1][has] + i
         key[has, 2 * i + 1], key[has, 2 * i + 2] = weights.indices[at] + 1, weights.data[at].round(9)

@@ -153,15 +153,7 @@ def _root_mean_square(some: Sequence[float]) -> float:
 
 def verdict(figures: dict[str, Any], still: dict[str, Any]) -> str:
     """What the figures say of a prediction, in one sentence, beside those of the same body if nothing moved."""
-    error, idle = figures["rmsd_all"], still["rmsd_all"]
-    if not idle:
-        said = f"The truth does not move; the prediction is {shown(1e3 * error)} mm off"
-    elif not error:
-        said = "No different from the truth"
-    elif error < idle:
-        said = f"Better than if nothing moved: {shown(1e3 * error)} mm off, {shown(idle / error)} times closer"
-    else:
-        said = f"No better than if nothing moved: {shown(1e3 * error)} mm off, {shown(error / idle)} times as far"
+    said = _beside(figures["rmsd_all"], still["rmsd_all"], 1e3, "mm", "move", "moved")
     parts = []
     if not math.isnan(figures["relative_residual"]):
         parts.append(f"{shown(100 * figures['relative_residual'])} % of the largest reaction is missing to equilibrium")
@@ -175,15 +167,7 @@ def verdict(figures: dict[str, Any], still: dict[str, Any]) -> str:
 
 def verdict_of_flow(figures: dict[str, Any], idle: dict[str, Any]) -> str:
     """What the figures say of a predicted flow, in one sentence, beside those of one that stays as it is shown."""
-    error, still = figures["velocity_rmse_all"], idle["velocity_rmse_all"]
-    if not still:
-        said = f"The truth does not change; the prediction is {shown(error)} m/s off"
-    elif not error:
-        said = "No different from the truth"
-    elif error < still:
-        said = f"Better than if nothing changed: {shown(error)} m/s off, {shown(still / error)} times closer"
-    else:
-        said = f"No better than if nothing changed: {shown(error)} m/s off, {shown(error / still)} times as far"
+    said = _beside(figures["velocity_rmse_all"], idle["velocity_rmse_all"], 1.0, "m/s", "change", "changed")
     parts = [f"{name} {shown(100 * figures[key])} % off" for key, name in (("drag_error", "drag"), ("flux_error", "the flux up to"))
              if not math.isnan(figures[key])]
     return f"{'; '.join([said, ', '.join(parts)] if parts else [said])}."
@@ -192,3 +176,15 @@ def verdict_of_flow(figures: dict[str, Any], idle: dict[str, Any]) -> str:
 def shown(value: float) -> str:
     """A number with three digits; a dash for what is not one."""
     return "–" if math.isnan(value) else "0" if value == 0 else f"{value:.3g}"
+
+
+def _beside(error: float, idle: float, factor: float, unit: str, verb: str, past: str) -> str:
+    """An error beside that of what never moves, or changes."""
+    off = f"{shown(factor * error)} {unit} off"
+    if not idle:
+        return f"The truth does not {verb}; the prediction is {off}"
+    if not error:
+        return "No different from the truth"
+    if error < idle:
+        return f"Better than if nothing {past}: {off}, {shown(idle / error)} times closer"
+    return f"No better than if nothing {past}: {off}, {shown(error / idle)} times as far"

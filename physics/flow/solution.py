@@ -6,7 +6,6 @@ nodes stored.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import time
 from collections.abc import Callable
@@ -24,7 +23,7 @@ from physics.flow.space import FlowSpace
 from physics.flow.stationary import NoStationaryFlow, stationary
 from physics.flow.stepping import Memory, Stepper
 from physics.flow.stored import Stored, computed_mesh, stored
-from physics.journal import Journal, flatten, unflatten
+from physics.journal import Journal, digest_of, flatten, unflatten
 from physics.mesh.mesh import Mesh, rows_in
 from physics.scene.flow import FlowScene
 from physics.schema import WorkError
@@ -32,7 +31,7 @@ from physics.schema import WorkError
 Floats = NDArray[np.float64]
 
 RESOLVED = {2: 0.06, 3: 0.03}  # the largest share of the velocity that its highest order may hold, by order
-TURNS = 5.0  # blocks of steps in the time in which the inflow passes the length that a force is of
+TURNS = 5.0  # blocks of steps in the time in which the inflow passes the length that a force is of three times
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +87,7 @@ def solve_flow(scene: FlowScene, *, mesh: Mesh | None = None, on_step: Callable[
     rest.u[conditions.fixed] = conditions.values(0.0)
     stepper = Stepper(space, conditions, scene.fluid.viscosity / scene.fluid.density, rest)
     set_up = time.process_time() - processor
-    kept = None if journal is None else Journal(journal, _identity(scene, space.mesh))
+    kept = None if journal is None else Journal(journal, f"flow {digest_of(scene.to_toml(), space.mesh.points, space.mesh.cells)}")
     frames: list[dict[str, Any]] = []
     failure = ""
     try:
@@ -140,14 +139,6 @@ def _go_on(scene: FlowScene, stepper: Stepper, frame: int) -> None:
     extent = float(np.ptp(stepper.space.mesh.points, axis=0).max())
     length = scene.force.length if scene.force is not None and scene.force.length else extent / 10
     advance(stepper, frame * span, blocks=max(1, min(10_000, math.ceil(span * TURNS * fastest / length / 3))))
-
-
-def _identity(scene: FlowScene, mesh: Mesh) -> str:
-    """One line that no other scene has, nor this one with another mesh in its file."""
-    digest = hashlib.sha256(scene.to_toml().encode())
-    for array in (mesh.points, mesh.cells):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return f"flow {digest.hexdigest()}"
 
 
 def _places(where: Stored, space: FlowSpace, conditions: Conditions, scene: FlowScene) -> NDArray[np.int8]:

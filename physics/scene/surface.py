@@ -161,7 +161,6 @@ def _oriented(triangles: Integers) -> tuple[NDArray[np.bool_], Integers]:
     order = np.lexsort(edges.T)
     one, other = order[::2], order[1::2]  # of each edge its two triangles
     against = (directed[one] == directed[other]).all(axis=1)  # both run along it the same way
-    pairs = np.concatenate([[owner[one], owner[other]], [owner[other], owner[one]]], axis=1)
     # Each triangle stands there twice, as it is and turned, joined to those of its neighbours that look the same way as it.
     many, one, other = len(triangles), owner[one], owner[other]
     pairs = np.concatenate([[one, other + many * against], [one + many, other + many * ~against]], axis=1)
