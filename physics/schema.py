@@ -74,7 +74,7 @@ def quantity(default: Any = MISSING, *, unit: str = "", above: float | None = No
 
 def missing(path: Path) -> str:
     """Why there is no file to be read at a path; "" when there is one."""
-    return "" if path.is_file() else "is a folder; a file is wanted here" if path.is_dir() else "no such file"
+    return "" if path.is_file() else "no such file, but a folder" if path.is_dir() else "no such file"
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:

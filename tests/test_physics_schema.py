@@ -161,4 +161,4 @@ def test_numbers_of_numpy_in_a_dataclass_are_written_as_plain_ones():
 def test_what_is_missing_is_told_from_what_is_a_folder(tmp_path):
     (tmp_path / "there").write_text("")
     assert missing(tmp_path / "there") == "" and missing(tmp_path / "none") == "no such file"
-    assert missing(tmp_path) == "is a folder; a file is wanted here"
+    assert missing(tmp_path) == "no such file, but a folder"
