@@ -51,7 +51,7 @@ def graded_channel(body: Body) -> Mesh:
     places = faces(points, body.extent)
     places |= {"inlet": places["x-min"], "outlet": places["x-max"], "walls": np.union1d(places["y-min"], places["y-max"]),
                "hole": np.arange(len(rim))}
-    edges = np.sort(np.stack([np.arange(len(rim)), np.roll(np.arange(len(rim)), -1)], axis=1), axis=1)
+    edges = np.sort(np.stack([np.arange(len(rim)), np.roll(np.arange(len(rim)), 1)], axis=1), axis=1)
     middle = points[edges].mean(axis=1)[:, :2] - centre
     arcs = centre + radius * middle / np.hypot(*middle.T)[:, None]
     rim_middles = {2: (edges, np.pad(arcs, ((0, 0), (0, 1))))}
@@ -111,7 +111,7 @@ def _sides(size: Size, extent: Floats) -> Floats:
 
 def _inside(size: Size, extent: Floats, centre: Floats, radius: float, boundary: int) -> Floats:
     """Where the nodes inside begin."""
-    columns, rows = (int(n) for n in np.clip(np.ceil(8 * extent / extent.min()), 8, 2000) * 8)
+    columns, rows = (int(n) for n in np.minimum(np.ceil(8 * extent / extent.min()), 2000) * 8)
     grid = (np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5, indexing="ij"), axis=-1) / [columns, rows]).reshape(-1, 2)
     grid = grid * extent
     grid = grid[np.hypot(*(grid - centre).T) > radius]
@@ -136,8 +136,8 @@ def _inside(size: Size, extent: Floats, centre: Floats, radius: float, boundary:
 
 def _relaxed(fixed: Floats, inner: Floats, size: Size, extent: Floats, centre: Floats, radius: float) -> tuple[Floats, Integers]:
     """Points (N, 2) and triangles (C, 3) when the springs have pushed."""
-    points, before = np.concatenate([fixed, inner]), np.full((len(fixed) + len(inner), 2), np.inf)
-    edges = np.empty((0, 2), np.int64)
+    points = np.concatenate([fixed, inner])
+    before = np.full_like(points, np.inf)
     for _ in range(ROUNDS):
         sizes = size(points)
         if (np.hypot(*(points - before).T) > 0.1 * sizes).any():
