@@ -120,7 +120,8 @@ def test_a_size_is_that_of_the_nearest_of_channel_hole_and_gap():
                          (0.25, 0.01, 0.01 / 2.5 + 4e-10), (0.25, 0.02, 0.02 / 2.5 + 4e-10), (0.25, 0.13, 0.03), (0.6, -1.0, 0.09),
                          (0.25, 1.0, 0.09)):
         assert size(np.array([[x, y]])) == pytest.approx([wanted], rel=1e-9)
-    assert graded._size(body(hole_centre=[0.25, 0.33], **sizes))(np.array([[0.25, 0.395]])) == pytest.approx([0.005 / 2.5 + 4e-10 + 0.005 / 2.5])
+    size = graded._size(body(hole_centre=[0.25, 0.33], **sizes))
+    assert size(np.array([[0.25, 0.395]])) == pytest.approx([0.005 / 2.5 + 4e-10 + 0.005 / 2.5])
 
 
 def test_a_line_is_cut_into_parts_that_grow_as_the_size_does():
