@@ -166,3 +166,15 @@ def test_cells_of_too_bad_a_shape_are_refused_and_those_of_the_least_are_not(mon
     monkeypatch.setattr(graded, "LEAST", np.nextafter(worst, 1))
     with pytest.raises(InputError, match="body.hole_cell_size = 0.04: leads to cells that are too flat"):
         build_mesh(body())
+
+
+def test_triangles_without_area_and_those_within_the_hole_are_left_out():
+    """Twice the area of a sliver under a millionth of a millionth of the radius squared; corners on the rim up to a billionth of it."""
+    for height, count in ((0.4e-6, 2), (0.6e-6, 3)):  # of the first three nodes; times 2 it is below and above 1e-12 x 1000^2
+        points = np.array([[0, 0], [1, height], [2, 0], [0, 2]])
+        cells = graded._triangles(points, np.array([1e4, 0.0]), 1e3)
+        assert len(cells) == count
+        assert graded._triangles(points, np.array([1e4, 0.0]), 0.0).shape == (3, 3)
+    around = np.stack([np.cos(np.arange(4) * np.pi / 2), np.sin(np.arange(4) * np.pi / 2)], axis=1)
+    for off, count in ((0.5e-9, 0), (2e-9, 1)):
+        assert len(graded._triangles(7 + 5 * around * (1 + off * np.array([[1], [0], [0], [0]])), np.array([7.0, 7.0]), 5.0)) == count

@@ -178,6 +178,10 @@ def test_triangles_without_area_and_those_of_holes_are_left_out():
     cells = panel._triangles(points, [points[:6], points[6:]])
     assert panel._twice(points, cells).sum() == pytest.approx(2 * (16 - 4)) and panel._twice(points, cells).min() > 0.1
     assert panel._twice(points, panel._triangles(points, [points[:6]])).sum() == pytest.approx(2 * 16)
+    whole = np.array([[-1, -1], [5, -1], [5, 5], [-1, 5]], float)
+    for height, count in ((0.5e-11, 4), (1e-11, 5)):  # of the first three nodes; times 2 it is below and above 1e-12 x 4^2
+        points = np.array([[0, 0], [1, height], [2, 0], [4, 0], [4, 4], [0, 4]])
+        assert len(panel._triangles(points, [whole])) == count
 
 
 def test_limits_are_reached_before_they_are_passed(monkeypatch):

@@ -162,14 +162,13 @@ def _relaxed(fixed: Floats, inner: Floats, size: Size, extent: Floats, centre: F
 
 
 def _triangles(points: Floats, centre: Floats, radius: float) -> Integers:
-    """Delaunay's triangles outside of the hole, counter-clockwise."""
+    """Delaunay's triangles outside of the hole, counter-clockwise as SciPy gives them."""
     cells = Delaunay(points).simplices.astype(np.int64)
     on_rim = abs(np.hypot(*(points - centre).T) - radius) < 1e-9 * radius
     cells = cells[~on_rim[cells].all(axis=1)]
     a, b, c = (points[cells[:, i]] for i in range(3))
     area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    cells = np.where((area < 0)[:, None], cells[:, [0, 2, 1]], cells)
-    return cells[abs(area) > 1e-12 * radius**2]
+    return cells[area > 1e-12 * radius**2]
 
 
 def quality(points: Floats, cells: Integers) -> Floats:

@@ -151,16 +151,14 @@ def _filled(fixed: Floats, inner: Floats, loops: list[Floats]) -> tuple[Floats, 
 
 
 def _triangles(points: Floats, loops: list[Floats]) -> Integers:
-    """Delaunay's triangles within the outline and outside of the holes, counter-clockwise."""
+    """Delaunay's triangles within the outline and outside of the holes, counter-clockwise as SciPy gives them."""
     cells = Delaunay(points).simplices.astype(np.int64)
     middle = points[cells].mean(axis=1)
     kept = _inside(middle, loops[0])
     for loop in loops[1:]:
         kept &= ~_inside(middle, loop)
     cells = cells[kept]
-    twice = _twice(points, cells)
-    cells = np.where((twice < 0)[:, None], cells[:, [0, 2, 1]], cells)
-    return np.asarray(cells[abs(twice) > 1e-12 * np.ptp(points) ** 2])
+    return np.asarray(cells[_twice(points, cells) > 1e-12 * np.ptp(points) ** 2])
 
 
 def _twice(points: Floats, cells: Integers) -> Floats:
