@@ -18,6 +18,7 @@ from vtkmodules.vtkCommonDataModel import (
     vtkWedge,
 )
 
+from physics.mesh import cell as cell_module
 from physics.mesh.cell import CELLS, CURVED_TETRAHEDRON, OF_MESHIO, OF_VTK, SECOND
 from physics.mesh.mesh import kind_of
 from physics.schema import InputError
@@ -172,6 +173,7 @@ def test_points_of_quadrature_integrate_linear_functions_over_the_reference_cell
 @pytest.mark.parametrize("name", CORNERS)
 def test_shape_functions_of_first_order_are_those_of_vtk(name):
     theirs, cell = VTK[name](), CELLS[name]
+    np.testing.assert_array_equal(cell_module.CORNERS[name], np.reshape(theirs.GetParametricCoords(), (-1, 3)))
     at = np.random.default_rng(1).uniform(0, 0.4, (4, 2, 3)) * (1, 1, cell.dimension == 3)
     values, gradients = cell.shapes(at)
     assert values.shape == (4, 2, cell.corners) and gradients.shape == (4, 2, cell.corners, 3)

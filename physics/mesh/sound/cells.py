@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.mesh.cell import CELLS, GAUSS
+from physics.mesh.cell import CELLS, CORNERS, GAUSS
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -132,16 +132,12 @@ def _ways(kind: str) -> list[tuple[int, ...]]:
     found = []
     for i in range(CELLS[kind].corners):
         ends = [a + b - i for a, b in CELLS[kind].edges if i in (a, b)]
-        ways = np.array([PLACE[kind][end] - PLACE[kind][i] for end in ends])
+        ways = CORNERS[kind][ends] - CORNERS[kind][i]
         found.append(tuple(ends if np.linalg.det(ways) > 0 else [ends[0], ends[2], ends[1]]))
     return found
 
 
-PLACE = {  # of the corners in a cell's own coordinates
-    "tetrahedron": np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], float),
-    "prism": np.array([(r, s, t) for t in (0, 1) for r, s in ((0, 0), (1, 0), (0, 1))], float),
-    "hexahedron": np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], float)}
-WAYS = {kind: _ways(kind) for kind in PLACE}
+WAYS = {name: _ways(name) for name, cell in CELLS.items() if cell.dimension == 3 and not cell.middles}
 
 
 def _triple(rows: Floats) -> Floats:
