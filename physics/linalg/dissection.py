@@ -134,6 +134,7 @@ def laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list[
     panel = np.concatenate([[0.0], np.cumsum(s * (s + b))])
     begin = np.concatenate([[0], np.cumsum(b // each)])
     count = np.array([len(below) for below in children])
+    last = np.cumsum(count)
     made, kept, top, memory = np.zeros(len(own)), np.zeros(len(own)), 0.0, 0.0
     for t, below in enumerate(children):
         made[t] = top
@@ -141,7 +142,7 @@ def laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list[
         kept[t] = kept[below[0]] if below else top
         top = kept[t] + b[t] ** 2
     part = np.empty(len(own), PART)
-    for name, column in zip(COLUMNS, (s, b, panel[:-1], first[:-1], begin[:-1], np.cumsum(count) - count, np.cumsum(count), made, kept), strict=True):
+    for name, column in zip(COLUMNS, (s, b, panel[:-1], first[:-1], begin[:-1], last - count, last, made, kept), strict=True):
         part[name] = column
     return Dissection(
         order=order, place=place[:-1], part=part, parent=parent,
