@@ -61,6 +61,7 @@ def test_edges_and_facets_are_those_of_vtk_and_facets_look_outward(cell):
 
 def test_other_numbers_of_the_kinds():
     assert CELLS["vertex"].dimension == 0 and CELLS["line"].dimension == 1
+    assert [CELLS["line"].points.shape, CELLS["line"].weights.shape, CELLS["hexahedron"].places.shape] == [(0, 3), (0,), (0, 3)]
     assert {name: cell.plural for name, cell in CELLS.items() if cell.dimension >= 2} == {
         "triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra", "hexahedron": "hexahedra",
         "prism": "prisms", "triangle6": "triangles of 6 nodes", "quadrilateral9": "quadrilaterals of 9 nodes",
