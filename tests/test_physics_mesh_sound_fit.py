@@ -50,6 +50,11 @@ def test_sides_of_three_cells_are_told_as_edges_or_faces():
     with pytest.raises(InputError, match="cell 1 and cell 2 lie over one another: they are on the same side of a side that they share"):
         fitting(plane, [cells[0], cells[3], cells[1]], "triangle")
     assert len(fitting(plane, cells[:3], "triangle")) == 1  # of two pieces, and no more
+    twice = [(x + shift, y, z) for shift in (0, 20) for x, y, z in plane]  # the first pair is told, and no more
+    with pytest.raises(InputError, match="^cell 0 and cell 1 lie over one another"):
+        fitting(twice, [cells[3], cells[1], [8, 9, 12], [8, 9, 10]], "triangle")
+    with pytest.raises(InputError, match="^cell 0, cell 1, cell 2 share one side"):
+        fitting(twice, [*cells[1:], [8, 9, 10], [9, 8, 11], [8, 9, 12]], "triangle")
 
 
 def test_a_node_on_a_side_is_told_where_both_hang_together_and_counted_where_they_do_not():
