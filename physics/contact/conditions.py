@@ -25,6 +25,7 @@ import scipy.linalg
 import scipy.optimize
 import scipy.sparse
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from physics.contact.obstacles import Rigid
 from physics.contact.points import merged, points_of
@@ -111,8 +112,14 @@ def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_],
         p = np.zeros(len(gap))
         if active.any():
             index = np.flatnonzero(active)
-            p[index] = scipy.linalg.solve(matrix[np.ix_(index, index)], -gap[index], assume_a="pos" if definite else "sym",
-                                          check_finite=False)
+            part = matrix[np.ix_(index, index)]
+            if definite:
+                _, solved, failed = lapack.dposv(part, -gap[index][:, None])
+                if failed:
+                    raise np.linalg.LinAlgError("the matrix is not positive definite")
+                p[index] = solved[:, 0]
+            else:
+                p[index] = scipy.linalg.solve(part, -gap[index], assume_a="sym", check_finite=False)
         w = gap + matrix @ p
         following = np.where(active, p > 0, w < 0)
         if (following == active).all():
