@@ -43,6 +43,7 @@ from datagen.sets.workers import progress
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import cell_volumes
+from physics.mesh.second import cut_into_eight
 from physics.mesh.shapes.boxes import tetrahedra
 from physics.schema import InputError
 from physics.whole import folder_whole
@@ -232,6 +233,8 @@ def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
     body = trajectory.mesh.cells
     if cells == "tetrahedra" and body.shape[1] == 6:
         body = tetrahedra(body)
+    elif cells == "tetrahedra" and body.shape[1] == 10:
+        body = cut_into_eight(body)
     elif cells == "tetrahedra" and body.shape[1] == 8:
         raise InputError("hexahedra are not cut into tetrahedra here: ask for --cells own")
     flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement[0].any()

@@ -31,7 +31,7 @@ from physics.contact.obstacles import Rigid
 from physics.contact.points import merged, points_of
 from physics.contact.several import Rigids
 from physics.mesh.cell import CELLS
-from physics.mesh.mesh import Mesh, kind_of
+from physics.mesh.mesh import Mesh, kind_of, unique_edges
 from physics.scene import Obstacle
 from physics.schema import InputError
 
@@ -42,8 +42,10 @@ CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
 
 
 def cell_size(mesh: Mesh) -> float:
-    """The median length of the mesh's edges [m]."""
-    return float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
+    """The median distance between neighbours along the edges of the cells [m]: of second order half an edge."""
+    cell = CELLS[mesh.cell]
+    edges = unique_edges(mesh.cells[:, :cell.corners], cell.first) if cell.middles else mesh.edges
+    return float(np.median(np.linalg.norm(np.diff(mesh.points[edges], axis=1), axis=2))) / (2 if cell.middles else 1)
 
 
 class ContactSurface:
