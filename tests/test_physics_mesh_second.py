@@ -23,7 +23,8 @@ def test_ten_nodes_make_eight_tetrahedra_of_an_eighth_each_whose_sides_match():
     small = cut_into_eight(mesh.cells)
     volumes = cell_volumes(mesh.points, small, "tetrahedron").reshape(-1, 8)
     np.testing.assert_allclose(volumes, cell_volumes(mesh.points, mesh.cells[:, :4], "tetrahedron")[:, None] / 8 * np.ones(8), rtol=1e-12)
-    sides, count = np.unique(np.sort(small[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1), axis=0, return_counts=True)
+    sides = np.sort(small[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
+    sides, count = np.unique(sides, axis=0, return_counts=True)
     assert set(count) == {1, 2}
     outside = mesh.points[sides[count == 1]]  # each lies in one of the six faces of the box
     flat = [(abs(outside[..., k] - at) < 1e-12).all(axis=1) for k, top in enumerate((2.0, 1.0, 3.0)) for at in (0.0, top)]
