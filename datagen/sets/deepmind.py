@@ -18,8 +18,8 @@ Writing, prisms are cut into three tetrahedra each, and those of ten nodes into 
 of a cell for granted (cells "own" keeps them); the obstacle's triangles go to a field of their own, obstacle_cells (1, F, 3). Positions
 are in single precision there: of a body of 0.3 m, to 1.5e-8 m. Their stress is von Mises'; where our files have it
 (files/fields.py) it is written under that name, and the tensor as cauchy_stress (T, N, 6). A body in a plane that moves has a mesh_pos
-of two components, too, as a cloth. Of a flow the first frame, in which the fluid is at rest, is left out, so 600 steps are 600 rows, as theirs are; dt is the time between two
-of them [s].
+of two components, too, as a cloth. Of a flow the first frame, in which the fluid is at rest, is left out, so 600 steps are 600 rows, as
+theirs are; dt is the time between two of them [s].
 """
 
 from __future__ import annotations
