@@ -121,6 +121,7 @@ def test_what_a_mesh_takes_and_refuses(tmp_path):
                         ({"surface": text, "radius": 0.001}, "must be from 0.01 to 0.5 m"),
                         ({"surface": text, "scale": 1e-10}, "obstacle: 2e-10 m wide"),
                         ({"surface": text[:-4]}, "obstacle.surface: not a surface"), ({"surface": "!"}, "obstacle.surface: not a surface"),
+                        ({"surface": text[:8] + "\n" + text[8:]}, "obstacle.surface: not a surface"),
                         ({"surface": ""}, "obstacle.surface: not a surface"),
                         ({"surface": text, "angle": 5.0, "axis": [0, 0, 0]}, "obstacle.axis must not be the zero vector"),
                         ({"surface": text_of(CUBE[0], CUBE[1][:, ::-1])}, "its triangles want mending"),
