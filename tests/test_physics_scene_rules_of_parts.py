@@ -38,8 +38,8 @@ def test_an_orthotropic_body_that_resists_every_strain_is_taken(ratios):
     assert found.orthotropic.poisson_ratios == ratios and (found.young_modulus, found.poisson_ratio) == (4.0, 0.0)
 
 
-@pytest.mark.parametrize("ratios", [(2.0, 0, 0), (2.01, 0, 0), (0, 1.0, 0), (0, -1.01, 0), (0, 0, 2.01), (0.75, 0.75, 0.75), (1.42, 0, 1.42),
-                                    (0, 0.72, 1.42), (3, 3, -3)])
+@pytest.mark.parametrize("ratios", [(2.0, 0, 0), (2.01, 0, 0), (0, 1.0, 0), (0, -1.01, 0), (0, 0, 2.01), (0.75, 0.75, 0.75),
+                                    (1.42, 0, 1.42), (0, 0.72, 1.42), (3, 3, -3)])
 def test_one_that_does_not_is_refused(ratios):
     """At (3, 3, -3) all three are wrong, and all together come out above zero."""
     said = f"material.orthotropic.poisson_ratios = {[float(ratio) for ratio in ratios]}: with these moduli some strain"
