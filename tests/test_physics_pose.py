@@ -5,13 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.linalg import cho_solve
 
 from physics.contact.conditions import ContactSurface, cell_size
 from physics.contact.obstacles import Rigid
 from physics.mesh.build import build_mesh
 from physics.reduced import pose as module
 from physics.reduced.elastic import Elastic
-from physics.reduced.pose import Press, _rotation
+from physics.reduced.pose import PoseState, Press, _factor, _rotation
 from physics.reduced.space import Reduced, derivatives
 from physics.scene import Body, Material, Obstacle
 
@@ -66,6 +67,11 @@ def test_a_pressed_body_is_in_balance_and_its_surface_yields_as_at_rest(press):
     assert max(off[name] for name in ("forces", "slope", "local")) < 1e-4, off
     pulled = press.newton(at.centre, at, 0.1 * press.model.slope(at.q))  # what the law has beyond the polynomial adds to it
     assert press.model.slope(pulled.q) + 0.1 * press.model.slope(at.q) == pytest.approx(press.model.space.T @ pulled.push, rel=2e-2)
+
+
+def test_the_figures_that_results_were_measured_with():
+    assert (module.ITERATIONS, module.LOOSE, module.HALVINGS, module.FRESH, module.SAMPLE) == (40, 1e-3, 4, 0.02, 50)
+    assert (module.REACH, module.NEAR, module.SOFTEST, module.TOLERANCE) == (1.5, 0.5, 1e-6, 1e-5)
 
 
 def test_where_nothing_is_near_a_body_at_rest_stays_there(press):
@@ -124,3 +130,57 @@ def test_a_way_of_a_cell_is_gone_at_once_and_a_longer_one_in_halves(press):
     other = noted.within(press.model)
     assert (type(other), other.size, other.model, other.elastic) == (Press, press.size, press.model, press.elastic)
     assert (other.mesh, other.surface, other.obstacle) == (press.mesh, press.surface, press.obstacle)
+
+
+def rotation(degrees, axis):
+    axis = np.array(axis) / np.linalg.norm(axis)
+    k = np.cross(np.eye(3), axis)
+    return np.eye(3) + np.sin(np.radians(degrees)) * k + (1 - np.cos(np.radians(degrees))) * k @ k
+
+
+def test_the_rotation_of_a_patch():
+    rest = np.random.default_rng(0).normal(size=(7, 3)) + [5, -3, 2]
+    for degrees in (0, 40, 170):
+        turn = rotation(degrees, [1, 2, -1])
+        np.testing.assert_allclose(_rotation(rest, rest @ turn.T + [0.3, 7, -2]), turn, atol=1e-13)
+        stretched = rest @ np.diag([1.2, 0.9, 1.1]) @ turn.T
+        np.testing.assert_allclose(_rotation((rest - rest.mean(axis=0)) @ np.diag([1, 2, 3]), stretched @ np.eye(3)) @ np.eye(3)
+                                   @ _rotation((rest - rest.mean(axis=0)) @ np.diag([1, 2, 3]), stretched).T, np.eye(3), atol=1e-13)
+    flat = rest * [1, 1, 0]  # points in a plane have a rotation, not a reflection
+    turn = rotation(30, [2, 0, 1])
+    np.testing.assert_allclose(_rotation(flat, flat @ turn.T), turn, atol=1e-13)
+    mirrored = _rotation(rest, rest * [1, 1, -1])
+    assert np.linalg.det(mirrored) == pytest.approx(1)
+    line = np.outer([0.0, 1, 2, 4], [1, 2, 3])
+    np.testing.assert_array_equal(_rotation(line, line @ turn.T), np.eye(3))
+    np.testing.assert_array_equal(_rotation(line[:1], line[:1] + 1), np.eye(3))
+
+
+def test_a_factor_of_what_is_not_positive_definite_lifts_it_to_the_softest():
+    turn = rotation(40, [1, 2, 3])
+    good = turn @ np.diag([1.0, 2, 5]) @ turn.T
+    np.testing.assert_allclose(cho_solve(_factor(good), np.eye(3)), np.linalg.inv(good), atol=1e-13)
+    bad = turn @ np.diag([-3.0, 2, 5]) @ turn.T  # 3 is added, and a millionth of 5
+    lifted = np.linalg.inv(cho_solve(_factor(bad), np.eye(3)))
+    np.testing.assert_allclose(np.linalg.eigvalsh(lifted), [5e-6, 5 + 5e-6, 8 + 5e-6], rtol=1e-5)
+    np.testing.assert_allclose(lifted - bad, (3 + 5e-6) * np.eye(3), atol=1e-8)
+
+
+def test_a_state_far_from_the_pose_is_reached_in_halves():
+    """Each half no longer than a cell; where Newton's method never leads there, the body stays and the pose is the new one."""
+    press, asked = Press.__new__(Press), []
+    press.size = 1.0
+    start = PoseState(np.zeros(3), np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
+
+    def newton(centre, state, c):
+        asked.append((float(state.centre[0]), float(centre[0])))
+        return replace(state, centre=centre, q=state.q + 1)
+
+    press.newton = newton
+    found = press.advance(np.array([2.0, 0, 0]), start, np.zeros(1))
+    assert asked == [(0, 1), (1, 2)] and found.q[0] == 2
+    asked.clear()
+    press.newton = lambda centre, state, c: asked.append(1)
+    found = press.advance(np.array([1.0, 0, 0]), start, np.zeros(1))
+    assert found.centre[0] == 1 and found.q[0] == 0
+    assert len(asked) == 2 ** 5 - 1  # one, its two halves, .. down to 16 of 2^-4 of the way
