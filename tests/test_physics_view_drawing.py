@@ -98,7 +98,8 @@ def test_the_edges_of_a_box_are_its_twelve_and_have_the_numbers_of_all_nodes():
     at_end = (np.isclose(ends, 0) | np.isclose(ends, [0.1, 0.02, 0.03])).sum(axis=2)
     assert (at_end >= 2).all()
     points, triangles = ball(1.0, 0.3)  # a round one has none
-    whole = Mesh(np.concatenate([points, [[0, 0, 0]]]), np.column_stack([triangles, np.full(len(triangles), len(points))]), "tetrahedron", {})
+    cells = np.column_stack([triangles, np.full(len(triangles), len(points))])
+    whole = Mesh(np.concatenate([points, [[0, 0, 0]]]), cells, "tetrahedron", {})
     assert drawing.feature_edges(whole).shape == (0, 2)
 
 
