@@ -119,3 +119,68 @@ def test_the_axes_of_a_view_are_across_and_up():
         right, up = drawing._axes_of_view(eye)
         assert right[2] == 0 and up[2] > 0 and np.cross(right, up) == pytest.approx(eye) and np.linalg.norm(right) == pytest.approx(1)
     assert drawing._axes_of_view(np.array([np.sqrt(1 - 0.9995**2), 0.0, 0.9995]))[0] == pytest.approx([1, 0, 0])  # as good as from above
+
+
+def test_the_camera_holds_body_and_near_obstacle():
+    assert drawing.TOWARDS_EYE @ drawing.TOWARDS_EYE == pytest.approx(1) and drawing.TOWARDS_EYE[1] < 0 < drawing.TOWARDS_EYE[2]
+    right, up = drawing._axes_of_view(np.array([0.0, -1.0, 0.0]))
+    assert right == pytest.approx([1, 0, 0]) and up == pytest.approx([0, 0, 1])  # x to the right, z up
+    right, up = drawing._axes_of_view(np.array([0.0, 0.0, 1.0]))
+    assert right == pytest.approx([1, 0, 0]) and up == pytest.approx([0, 1, 0])
+    front = np.array([0.0, -1.0, 0.0])
+    box = np.array([[1.0, 2, 3], [5, 3, 4]])
+    camera = drawing.fit([box[:1], box[1:]], None, front)
+    assert camera.centre == pytest.approx([3, 2.5, 3.5]) and (camera.half_width, camera.half_height) == pytest.approx((2.12, 0.53))
+    assert np.array_equal(camera.eye, front)
+    # Half the extent, 2, around the box: a point 1.9 above is seen, one 2.1 above, or to any side, is not.
+    for away, top in (
+            ([3, 2, 5.9], 5.9), ([3, 2, 6.1], 4.0), ([7.1, 2, 5], 4.0), ([-1.1, 2, 5], 4.0), ([3, 5.1, 5], 4.0), ([3, 2, 0.9], 4.0)):
+        camera = drawing.fit([box], drawing.ObstacleSurface(np.array([away]), np.zeros((0, 3), int)), front)
+        assert camera.half_height == pytest.approx(1.06 * (top - 3) / 2) and camera.centre[2] == pytest.approx((top + 3) / 2)
+    camera = drawing.Camera(np.zeros(3), 2.0, 1.0, front)
+    assert drawing.panel_size(camera, 1) == (1200, 600) and drawing.panel_size(camera, 2) == (600, 300)
+    tall, flat = drawing.Camera(np.zeros(3), 1.0, 3.0, front), drawing.Camera(np.zeros(3), 9.0, 1.0, front)
+    assert drawing.panel_size(tall, 1) == (1200, 720) and drawing.panel_size(tall, 2) == (600, 480)
+    assert drawing.panel_size(flat, 1) == (1200, 300) and drawing.panel_size(flat, 2) == (600, 150)
+    assert np.array_equal(drawing.eye_for(MESH), drawing.TOWARDS_EYE)
+    plate = build_mesh(Body(shape="plate", length=0.1, width=0.06, height=0.02, cells=(1, 1, 1)))
+    assert drawing.eye_for(plate) == pytest.approx(np.array([-0.35, -1, 0.8]) / np.linalg.norm([0.35, 1, 0.8]))
+    sheet = build_mesh(Body(shape="plate", length=0.1, width=0.06, cells=(1, 1), cell="triangle"))
+    assert drawing.eye_for(sheet) == pytest.approx([0, 0, 1])
+    for width, height in ((0.06, 0.031), (0.024, 0.005)):  # not twice as wide as high; not wider than a quarter of its length
+        slim = build_mesh(Body(length=0.1, width=width, height=height, cells=(1, 1, 1)))
+        assert np.array_equal(drawing.eye_for(slim), drawing.TOWARDS_EYE)
+
+
+def test_polygons_are_listed_with_their_number_of_nodes():
+    assert drawing._faces([np.array([[4, 5, 6]]), np.array([[0, 1, 2, 3], [7, 8, 9, 1]])]).tolist() == [
+        3, 4, 5, 6, 4, 0, 1, 2, 3, 4, 7, 8, 9, 1]
+    rigid = drawing.ObstacleSurface(np.arange(18.0).reshape(2, 3, 3), np.array([[0, 1, 2]]))
+    assert np.array_equal(rigid.at(1).points, rigid.points[1]) and np.array_equal(rigid.at(1).triangles, rigid.triangles)
+    assert rigid.at(1).at(0) is not rigid and np.array_equal(rigid.at(1).at(5).points, rigid.points[1])
+
+
+def test_the_outline_is_blue_where_the_truth_is_and_the_obstacle_grey():
+    """Drawn for once: a body of one colour, the truth's edges 15 mm above it, an obstacle 15 mm below, seen from the front."""
+    front, still = np.array([0.0, -1.0, 0.0]), np.zeros_like(MESH.points)
+    camera = drawing.Camera(np.array([0.05, 0.01, 0.015]), 0.06, 0.06, front)
+    square = drawing.ObstacleSurface(np.array([[0.03, 0.0, -0.03], [0.07, 0.0, -0.03], [0.07, 0.0, -0.015], [0.03, 0, -0.015]]),
+                           np.array([[0, 1, 2], [0, 2, 3]]))
+    picture = drawing.draw(MESH, still, np.linspace(5, 6, len(still)), (0, 5), "YlOrRd", camera, (120, 120), obstacle=square,
+                         outline=still + [0, 0, 0.035]).astype(int)
+    assert picture.shape == (120, 120, 3)
+
+    def at(x, z):  # 1 mm a pixel
+        return picture[round(1e3 * (0.075 - z)), round(1e3 * (x + 0.01))]
+
+    assert (at(-0.005, 0.015) == 255).all() and (at(0.105, 0.015) == 255).all()
+    red, green, blue = at(0.03, 0.012)
+    assert red > 80 and green < 40 and blue < 70  # the top of the scale
+    grey = at(0.05, -0.022)
+    assert np.ptp(grey) < 12 and 120 < grey.mean() < 240
+    assert (at(0.05, 0.05) == 255).all()  # inside of the outline
+    blues = (picture[..., 2] - picture[..., 0] > 60).nonzero()
+    assert len(blues[0]) > 100
+    # The outline's box: from 35 to 65 mm high, 0 to 100 mm along.
+    assert np.ptp(blues[0]) == pytest.approx(30, abs=2) and np.ptp(blues[1]) == pytest.approx(100, abs=2)
+    assert blues[0].min() == pytest.approx(75 - 65, abs=2)
