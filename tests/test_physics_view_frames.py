@@ -155,7 +155,8 @@ def test_a_facet_has_the_colour_of_most_of_its_nodes(tmp_path, drawn):
             assert found == pytest.approx(palette[counts.argmax()], abs=0.01)
 
 
-@pytest.mark.parametrize(("film", "frames", "seconds"), [(pictures.film, 60, 6.0), (flow.flow_film, 60, 6.0), (pictures.mode_film, 20, 1.6)])
+@pytest.mark.parametrize(("film", "frames", "seconds"), [(pictures.film, 60, 6.0), (flow.flow_film, 60, 6.0),
+                                                         (pictures.mode_film, 20, 1.6)])
 def test_films_that_nobody_says_more_of_have_sixty_pictures_in_six_seconds_and_periods_twenty(film, frames, seconds):
     given = inspect.signature(film).parameters
     assert (given["frames"].default, given["seconds"].default) == (frames, seconds)
