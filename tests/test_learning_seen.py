@@ -90,8 +90,8 @@ def test_of_several_obstacles_none_has_a_path_and_of_several_materials_the_stiff
     assert "way of the obstacle [m]" in description(on_paper(scene=scene.to_toml()))
     other = replace(scene.obstacle, path=tuple((x, y, -z) for x, y, z in scene.obstacle.path))
     several = replace(scene, obstacle=(scene.obstacle, other))
-    several = replace(several, material=(replace(scene.material, young_modulus=3e6, poisson_ratio=0.2, where=Where(box=((0, 0, 0), (1, 1, 1)))),
-                                         scene.material))
+    several = replace(several, material=(
+        replace(scene.material, young_modulus=3e6, poisson_ratio=0.2, where=Where(box=((0, 0, 0), (1, 1, 1)))), scene.material))
     told = description(on_paper(scene=several.to_toml()))
     assert "way of the obstacle [m]" not in told and told["obstacle"] == several.pressed_by
     assert (told["Young's modulus [Pa]"], told["Poisson's ratio"], told["material law"]) == (3e6, 0.4, "neo-hookean and neo-hookean")

@@ -187,7 +187,8 @@ def test_a_sweep_says_which_seed_and_which_weights_made_it():
 
 
 @pytest.mark.parametrize(("wrong", "words"), [({"frames": []}, "--frames : must be from 0 to 20"), ({"nodes": []}, "--nodes : must be"),
-                                              ({"frames": [-1]}, "--frames -1"), ({"nodes": [-1]}, "--nodes -1"), ({"count": 0}, "--count 0")])
+                                              ({"frames": [-1]}, "--frames -1"), ({"nodes": [-1]}, "--nodes -1"),
+                                              ({"count": 0}, "--count 0")])
 def test_a_wrong_number_from_python_is_refused_too(wrong, words):
     with pytest.raises(InputError, match=words):
         sweep(PRESS, RUN, vary=ALONG, **{"count": 2} | wrong)
