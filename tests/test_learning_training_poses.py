@@ -110,3 +110,34 @@ def test_what_is_no_whole_run_of_these_data_is_not_gone_on_with(tmp_path):
 def test_doubt_costs_a_hundredth_of_the_mean_square_of_logarithms():
     error, depth, doubt = torch.tensor([1e-3, 0.0]), torch.tensor([1e-2, 1.0]), torch.log(torch.tensor([0.2, 1e-9]))
     assert float(doubted(error, depth, doubt)) == pytest.approx(0.01 * math.log(2) ** 2 / 2, rel=1e-5)
+
+
+class Bar:
+    """Stands in for a progress bar."""
+
+    def __init__(self, **how):
+        self.how, self.n, self.shown, self.words = how, 0.0, [], []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        pass
+
+    def update(self, by):
+        self.n += by
+        self.shown.append(self.n)
+
+    def set_postfix_str(self, words):
+        self.words.append(words)
+
+
+def test_the_bar_goes_to_a_hundred_and_says_where_the_training_is(tmp_path, monkeypatch):
+    bars = []
+    monkeypatch.setattr(module, "tqdm", lambda **how: bars.append(Bar(**how)) or bars[-1])
+    monkeypatch.setattr(module.time, "process_time", lambda: 0.0)
+    result = run(CONFIG, Learner(3e-3), TOLD, tmp_path, steps=None, resume=False)
+    bar, = bars
+    assert bar.how["total"] == 100 and bar.how["disable"] is None and bar.shown == pytest.approx([40, 80, 100])
+    assert bar.words[0].startswith("step 4 loss ") and bar.words[0].endswith(" error 3.00e-03 m")
+    assert bar.words[-1] == f"step 10 loss {result['loss']:.3g} error nan m"
