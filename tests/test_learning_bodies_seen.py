@@ -95,3 +95,14 @@ def test_a_linear_body_has_degrees_of_one_along_all_sides_and_short_ones_of_two(
     assert powers(np.array([0.1, 0.05, 0.01]), 1).tolist() == [[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1) if i + j + k < 3]
     assert powers(np.array([0.1, 0.001, 0.001]), 3).max(axis=0).tolist() == [3, 2, 2]
     assert powers(np.array([1.0, 0.5, 0.3]), 5).max(axis=0).tolist() == [5, 2, 2]  # 2.5 to the even one
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_mirrored_body_fills_the_same_box(axis):
+    body = replace(seen(), points=seen().points + [1.0, 2.0, 3.0], surface=seen().surface + [1.0, 2.0, 3.0])
+    twin = body.mirrored(axis)
+    assert twin.low == pytest.approx(body.low) and twin.extent == pytest.approx(body.extent)
+    middle = 2 * body.low[axis] + body.extent[axis]
+    path, there = np.array(body.obstacle.path), np.array(twin.obstacle.path)
+    assert there[:, axis] == pytest.approx(middle - path[:, axis])
+    assert twin.surface[:, axis] == pytest.approx(middle - body.surface[:, axis])

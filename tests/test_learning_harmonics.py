@@ -175,3 +175,11 @@ def test_a_cell_without_area_is_named():
     thin = flat.copy()
     thin[1, 2] += [1e-11, -1e-11, 0]
     assert _laid_flat(thin).shape == (2, 3, 3)
+
+
+@pytest.mark.parametrize("unit", [2.0**-20, 2.0**20])
+def test_the_unit_of_length_makes_no_difference(unit):
+    plain = block("tetrahedron", (3, 2, 1))
+    values, _ = harmonics(plain, count=3)
+    other, _ = harmonics(replace(plain, points=unit * plain.points), count=3)
+    assert unit**2 * other == pytest.approx(values, rel=1e-9)

@@ -80,15 +80,6 @@ def test_files_that_teach_nothing_are_refused_by_name(load, kind, kinds, tmp_pat
             load(files, 4)
 
 
-def test_a_body_is_read_at_the_same_frames():
-    found = bodies._picked(moved(SCENE), 4)
-    assert found.fraction.tolist() == [3 / 20, 9 / 20, 14 / 20, 1.0] and found.seconds == 2.5
-    assert np.array_equal(found.displacement, moved(SCENE).displacement[[3, 9, 14, 20]].astype(float))
-    digest = hashlib.sha256(moved(SCENE).displacement.astype("<f4").tobytes()).hexdigest()
-    assert found.digest == digest and bodies.fingerprint([found, found]) == hashlib.sha256(2 * digest.encode()).hexdigest()
-    assert bodies._picked(moved(SCENE, seconds=None), 4).seconds == 0 and found.told["nodes of the body"] == 525
-
-
 def stored(run, model, drop=(), **config):
     """The checkpoint of a predictor, some of its tensors left out."""
     run.mkdir(exist_ok=True)
