@@ -44,8 +44,9 @@ def lines_of(panel):
 
 def test_curves_are_error_over_steps_and_seconds_and_loss_over_steps(figure):
     """What is none, no number or not above zero, as no logarithm takes it, is left out."""
-    first = [{"step": 1, "seconds": 2.0, "error": 0.5}, {"step": 1, "seconds": 2.5, "loss": 9.0}, {"step": 2, "seconds": 4.0, "error": None},
-             {"step": 3, "seconds": 6.0, "error": 0.25, "loss": 1}, {"step": 4, "seconds": 8.0, "error": 0.0, "loss": "low"}]
+    first = [{"step": 1, "seconds": 2.0, "error": 0.5}, {"step": 1, "seconds": 2.5, "loss": 9.0},
+             {"step": 2, "seconds": 4.0, "error": None}, {"step": 3, "seconds": 6.0, "error": 0.25, "loss": 1},
+             {"step": 4, "seconds": 8.0, "error": 0.0, "loss": "low"}]
     image = Image.open(io.BytesIO(curves(result_of({"a": [first, first[:1]], "b": []}))))
     assert image.size == (1430, 506)
     errors, times, losses = figure[0].axes
@@ -95,6 +96,7 @@ def test_the_page_has_every_table_and_what_can_be_said_of_it(tmp_path):
     assert "<h1>A &amp; B</h1><p>Size small: " in (tmp_path / "report.html").read_text()
 
 
-@pytest.mark.parametrize("value, drawn", [(1, True), (0.5, True), (0, False), (-1.0, False), (None, False), ("1", False), (math.nan, False)])
+@pytest.mark.parametrize("value, drawn", [(1, True), (0.5, True), (0, False), (-1.0, False), (None, False), ("1", False),
+                                          (math.nan, False)])
 def test_a_number_above_zero_is_drawn(value, drawn):
     assert page._drawn(value) is drawn

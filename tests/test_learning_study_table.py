@@ -58,8 +58,9 @@ def same(cell, mean, deviation, count, published=NONE):
 def found(tmp_path):
     """Row a has two seeds and takes 36 s and 72 s, row b two of which one blows up there and none has an error here, c nothing yet."""
     plan = plan_of(("a", {"here": {"mc": (0.5, math.nan), "rmse_all:stress": (7.0, 1.0)}}), ("b", {}), ("c", {"there": {"ar": (0.1, 0.2)}}))
-    curve = [{"step": 1, "seconds": 10.0, "error": 4e-3}, {"step": 1, "seconds": 11.0, "loss": 1.0}, {"step": 2, "seconds": 50.0, "error": None},
-             {"step": 2, "seconds": 54.0, "error": 3e-3}, {"step": 3, "seconds": 54.5, "error": 1e-3}]
+    curve = [{"step": 1, "seconds": 10.0, "error": 4e-3}, {"step": 1, "seconds": 11.0, "loss": 1.0},
+             {"step": 2, "seconds": 50.0, "error": None}, {"step": 2, "seconds": 54.0, "error": 3e-3},
+             {"step": 3, "seconds": 54.5, "error": 1e-3}]
     jobs = {
         ("a", 0): left(tmp_path, plan, "a", 0, 36.0, curve, {"rmse_all": 1e-3, "mc": None, "ms_per_step_alone": 2.0, "extra": 1.0},
                        {"rmse_all": 3e-3, "mc": 0.25, "rmse_all:stress": 5.0}),
@@ -165,7 +166,8 @@ def test_rows_are_told_apart_by_two_standard_errors(other, said):
 
 def test_every_row_is_held_against_the_best_and_those_without_an_error_against_none():
     first, second, none, best = Cell(3e-3, 0.0, 2), Cell(4e-3, 0.0, 2), Cell(math.nan, math.nan, 0), Cell(1e-3, 0.0, 2)
-    assert [line.split(":")[0] for line in result(first, second, none, best).apart("t")] == ["a has 2 mm more than d", "b has 3 mm more than d"]
+    said = result(first, second, none, best).apart("t")
+    assert [line.split(":")[0] for line in said] == ["a has 2 mm more than d", "b has 3 mm more than d"]
     assert result(first, none).apart("t") == []
 
 
@@ -189,8 +191,8 @@ def test_table_md_and_table_csv(tmp_path):
     assert (tmp_path / "table.md").read_text() == markdown(found) == "\n".join([
         "# A study", "", facts(found.plan), "", "## Tested on: t", "", "|  | RMSE-all [mm] |", "| --- | ---: |",
         "| a | 0.333 ± 2 [0.5] |", "| b | – |", "| nothing moves | 0 |", "", "", "## What the columns are", "",
-        "- **RMSE-all**: all steps of a rollout: root of the mean square over all steps and trajectories at once of a **coordinate**'s error; "
-        "**free** nodes.", ""])
+        "- **RMSE-all**: all steps of a rollout: root of the mean square over all steps and trajectories at once of a **coordinate**'s "
+        "error; **free** nodes.", ""])
     assert (tmp_path / "table.csv").read_bytes().decode().split("\r\n") == table_csv(found).split("\r\n") == [
         "row,test,figure,unit,mean,deviation,seeds,published,published deviation",
         "a,t,rmse_all,m,0.000333333333,0.002,2,0.0005,", "b,t,rmse_all,m,,,0,,", "nothing moves,t,rmse_all,m,0,,1,,", ""]

@@ -9,7 +9,7 @@ from physics.flow.conditions import OpenEdges, conditions_of
 from physics.flow.space import FlowSpace
 from physics.mesh.build import build_mesh
 from physics.scene import Body, FlowScene, read_body
-from physics.scene.flow import Fluid, FlowSteps, Inflow, Outflow, Wall
+from physics.scene.flow import FlowSteps, Fluid, Inflow, Outflow, Wall
 from physics.schema import InputError
 from tests.flows import rectangle
 
@@ -18,7 +18,8 @@ TIMED, STATIONARY = FlowSteps(count=1, duration=4.0), FlowSteps(stationary=True)
 
 
 def scene_of(steps=TIMED, **what):
-    return FlowScene(body=Body(shape="plate", length=1.0, width=1.0, cells=(2, 2)), fluid=Fluid(density=1.0, viscosity=1.0), steps=steps, **what)
+    body = Body(shape="plate", length=1.0, width=1.0, cells=(2, 2))
+    return FlowScene(body=body, fluid=Fluid(density=1.0, viscosity=1.0), steps=steps, **what)
 
 
 def plate(cells):
@@ -138,7 +139,7 @@ def test_an_inflow_that_comes_round_to_its_start_is_refused():
     (dict(inflow=(Inflow(where="nowhere", speed=1.0),)), r"^inflow\[0\]\.where: no place named 'nowhere'"),
     (dict(wall=(Wall(where="nowhere", velocity=(1.0, 0.0)),)), r"^wall\[0\]\.where: no place named 'nowhere'"),
     (dict(outflow=(Outflow(where="x-max"), Outflow(where="x-max"))), r"^outflow\[1\]\.where = 'x-max': has edges of another"),
-    (dict(inflow=(Inflow(where="x-min", speed=1.0), Inflow(where="x-min", speed=1.0))), r"^inflow\[1\]\.where = 'x-min': has edges of another"),
+    (dict(inflow=(Inflow(where="x-min", speed=1.0),) * 2), r"^inflow\[1\]\.where = 'x-min': has edges of another"),
     (dict(inflow=(Inflow(where="x-max", speed=1.0),), outflow=(Outflow(where="x-max"),)), r"^inflow\[0\]\.where = 'x-max': has edges of")])
 def test_what_does_not_fit_the_mesh_is_said(change, said):
     with pytest.raises(InputError, match=said):
@@ -178,7 +179,7 @@ def test_what_comes_back_over_all_sides_is_the_integral_of_its_flux_times_half_o
 
 @pytest.mark.parametrize("order", (2, 3))
 def test_only_what_comes_back_counts(order):
-    """u = (y - 1/2, 1) on the right comes back through the lower of two edges: integrals 1/48 and -1/16, each with the node's function 1."""
+    """u = (y - 1/2, 1) on the right comes back through the lower of two edges: integrals 1/48 and -1/16."""
     space = FlowSpace(rectangle(2), order)
     right = space.mesh.boundary[0][(space.mesh.points[space.mesh.boundary[0], 0] == 1).all(axis=1)]
     open_, y = OpenEdges(space, right), space.velocity.points[:, 1]
