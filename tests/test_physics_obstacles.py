@@ -73,7 +73,7 @@ def rounded(points):
 
 
 def test_the_sides_of_a_section_are_as_many_as_edges_fit_around_it_eight_at_least():
-    for size, sides in ((0.1, 31), (0.5, 8), (0.2, 16)):  # 2 pi 0.5 = 3.14
+    for size, sides in ((0.1, 31), (0.5, 8), (0.2, 16), (np.pi / 10.5008, 11)):  # 2 pi 0.5 = 3.14, less 1e-5 of a polygon
         points, _ = rigid(shape="sphere", radius=0.5, path=((0.0, 0.0, 0.0),)).surface_mesh(np.zeros((1, 3)), size=size, plane=True)
         away = np.linalg.norm(points, axis=1)
         assert (away > 0.499).sum() == sides and away[-1 - sides] == pytest.approx(0.5, abs=1e-6) and points[-1 - sides, 1] == 0

@@ -248,3 +248,20 @@ def test_a_sheet_whose_stretch_across_follows_is_refused():
     body = {"shape": "plate", "length": 0.06, "width": 0.02, "cells": [6, 2], "cell": "triangle", "plane": "stress"}
     with pytest.raises(InputError, match="knows no plane stress"):
         estimator_of(replace(unsolved(), scene=read_scene(TABLE | {"body": body}).to_toml()))
+
+
+def test_between_the_first_poses_others_are_solved_and_a_rough_estimate_has_none():
+    """Of a body pressed over 21 frames: poses in the middles of the way between the first ones, each of which stays."""
+    scene, trajectory = read_scene(TABLE), unsolved(centres=np.linspace([0.06, 0.02, 0.02025], [0.06, 0.02, 0.019], 21))
+    held = trajectory.node_kind[trajectory.body] == HANDLE
+    rough, whole = (Estimator(scene, trajectory.mesh, held, trajectory.displacement[:, -1] + scene.obstacle.path[0], rough=rough)
+                    for rough in (True, False))
+    first = {int(frame) for part in rough._pieces(int(rough.overlaps.argmax()) - 1) for frame in part}
+    assert set(rough._known) == first and len(first) > 5
+    pairs = [(a, b) for a, b in pairwise(sorted(first)) if b > a + 1]
+    assert len(pairs) > 2 and set(whole._known) > first
+    assert all(a + (b - a + 1) // 2 in whole._known for a, b in pairs)  # on a straight path of even steps
+    assert [tuple(part.x[[0, -1]]) for part in whole._parts] == [tuple(whole._way[part[[0, -1]]]) for part in whole._pieces(min(first))]
+    between = next(frame for frame in range(min(first), max(first)) if frame not in rough._known)
+    end = rough.frames([between - 1, between, between + 1])[0][:, :, 2].min(axis=1)
+    assert end[0] > end[1] > end[2]  # what lies between goes down as well

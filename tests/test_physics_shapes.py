@@ -139,3 +139,23 @@ def test_width_is_the_smallest_extent():
     for size in itertools.permutations((0.7, 0.4, 1.1)):
         assert rigid(shape="box", size=size, radius=0.01).width == pytest.approx(0.4)
     assert Rigid(OBSTACLES["half-space"]).width == np.inf
+
+
+def test_extent_is_the_longest_side_or_half_way_around():
+    """Of a round one pi r, or its length where that is more; a half-space has none."""
+    found = {shape: Rigid(OBSTACLES[shape]).shape.extent for shape in OBSTACLES}
+    assert found == pytest.approx({"sphere": 0.3 * np.pi, "cylinder": 0.3 * np.pi, "capsule": 0.3 * np.pi, "box": 1.0, "half-space": 0.0})
+    assert rigid(shape="capsule", radius=0.1, length=2.0).shape.extent == 2 and rigid(shape="sphere", radius=0.01).shape.extent < 0.04
+    assert rigid(shape="box", radius=0.5, size=(1.0, 1.1, 1.2)).shape.extent == pytest.approx(np.pi / 2)
+
+
+def test_reach_is_how_far_the_surface_lies_in_a_direction():
+    """Along A: of a ball its radius, of a capsule half its length as well; across it of a cylinder its radius, aslant it never ends."""
+    assert rigid(shape="sphere", radius=0.3).shape.reach(A) == 0.3
+    capsule = rigid(shape="capsule", radius=0.25, length=0.8, axis=TILTED).shape
+    assert [capsule.reach(way) for way in (A, -A, B, 0.6 * A + 0.8 * B)] == pytest.approx([0.65, 0.65, 0.25, 0.25 + 0.24])
+    cylinder = rigid(shape="cylinder", radius=0.25, axis=TILTED).shape
+    assert [cylinder.reach(way) for way in (B, C)] == [0.25, 0.25] and cylinder.reach(A) == cylinder.reach(0.6 * A + 0.8 * B) == np.inf
+    box = rigid(**BOX).shape  # half 1, 2, 3, rounded by 0.5
+    assert [box.reach(np.array(way)) for way in ((1.0, 0, 0), (0, 0, -1.0), (0.6, -0.8, 0))] == pytest.approx([1, 3, 0.6 + 1.6 - 0.5 * 0.4])
+    assert rigid(shape="half-space", normal=(0.0, 1.0, 2.0)).shape.reach(A) == 0

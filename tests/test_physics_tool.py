@@ -125,7 +125,7 @@ def test_samples_depend_on_no_order_of_asking():
 
 def test_extents_are_those_of_the_turned_surface():
     body = tool(spanner(), scale=0.001, axis=(0.0, 0.0, 1.0), angle=90.0)
-    assert body.width == pytest.approx(0.006)
+    assert body.width == pytest.approx(0.006) and body.shape.extent == pytest.approx(0.074)
     reach = [body.shape.reach(np.array(way, float)) for way in ([1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1])]
     assert reach == pytest.approx([0.011, 0.011, 0.014, 0.06, 0.003])  # the handle now points along -y
     points, triangles = body.surface_mesh(np.zeros((1, 3)), size=0.001)

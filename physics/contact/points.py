@@ -94,6 +94,6 @@ def merged(weights: scipy.sparse.csr_matrix, area: Floats) -> tuple[scipy.sparse
     for i in range(int(nodes.max(initial=0))):
         has = key[:, 0] > i
         at = weights.indptr[:-1][has] + i
-        key[has, 2 * i + 1], key[has, 2 * i + 2] = weights.indices[at] + 1, weights.data[at].round(9)
+        key[has, 2 * i + 1], key[has, 2 * i + 2] = weights.indices[at], weights.data[at].round(9)
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
     return weights[first], np.bincount(group.ravel(), weights=area).astype(np.float64)
