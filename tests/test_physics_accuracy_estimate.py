@@ -1,5 +1,7 @@
 """The error of a sequence of solutions: exact where the sequence is a power, doubted where it is none."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from physics.accuracy.estimate import FIRST, LOWEST, distance, estimate, observe
 
 def made(sizes, order, factor=0.3):
     """The differences of 1 + factor n^-order."""
-    return [abs(factor * (a**-order - b**-order)) for a, b in zip(sizes, sizes[1:], strict=False)]
+    return [abs(factor * (a**-order - b**-order)) for a, b in pairwise(sizes)]
 
 
 @pytest.mark.parametrize("order", [1.0, 1.37, 2.0, 3.3])

@@ -82,7 +82,7 @@ def choose(scene: Scene, most: int = MOST_NODES) -> Choice:
     loose = _tightened(pilots, kinds[0], first, LOOSE * asked)
     climbs = [_climb(pilots, Climb(kinds[0], first), MESH * asked, most)]
     for kind in kinds[1:]:
-        limit = pilots(kinds[0], climbs[0].sizes).work if climbs[0].reached else float("inf")
+        limit = pilots(kinds[0], climbs[0].sizes).work
         climbs.append(_climb(pilots, Climb(kind, _coarsest(pilots, kind)), MESH * asked, most, limit))
     kept = [climb for climb in climbs if climb.reached]
     best = (min(kept, key=lambda climb: pilots(climb.family, climb.sizes).work) if kept
