@@ -224,7 +224,8 @@ def test_an_error_that_is_asked_replaces_the_mesh_and_its_table_is_printed_and_k
 
     monkeypatch.setattr("physics.accuracy.choose.choose", choose)
     monkeypatch.setattr("physics.accuracy.table.judge", lambda choice, solution: verdict)
-    options = argparse.Namespace(scene=path, out=tmp_path / "t.vtkhdf", csv=None, html=None, fields=None, set=[], error=0.02, quantity="stress")
+    options = argparse.Namespace(scene=path, out=tmp_path / "t.vtkhdf", csv=None, html=None, fields=None, set=[], error=0.02,
+                                 quantity="stress")
 
     def run():
         return scene_verbs.simulate(options, say=said.append, writable=writable)
