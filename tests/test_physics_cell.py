@@ -1,6 +1,6 @@
 """What the table of cell types says: against VTK, meshio and the cells of side 1."""
 
-from itertools import product
+from itertools import combinations, product
 from math import factorial
 
 import meshio
@@ -55,6 +55,17 @@ def test_edges_and_facets_are_those_of_vtk_and_facets_look_outward(cell):
         for k in range(len(facet)):  # at every corner, so the corners go round and do not cross
             side, before = around[(k + 1) % len(facet)] - around[k], around[k - 1] - around[k]
             assert np.cross(side, before) @ (around[k] - points.mean(axis=0)) > 0
+
+
+@pytest.mark.parametrize("cell, small", [("triangle6", 4), ("tetrahedron10", 8)])
+def test_edges_of_a_simplex_of_second_order_are_those_of_its_small_ones(cell, small):
+    """Each by hand: halves, from middle to middle across the corners, and in a tetrahedron once through the octahedron that is left."""
+    corner = {"triangle6": [(0, 3, 5), (1, 3, 4), (2, 4, 5), (3, 4, 5)],
+              "tetrahedron10": [(0, 4, 6, 7), (1, 4, 5, 8), (2, 5, 6, 9), (3, 7, 8, 9),
+                                (4, 9, 5, 6), (4, 9, 6, 7), (4, 9, 7, 8), (4, 9, 8, 5)]}[cell]
+    assert len(corner) == small
+    assert {frozenset(edge) for edge in CELLS[cell].edges} == {frozenset(pair) for part in corner for pair in combinations(part, 2)}
+    assert len(CELLS[cell].edges) == {"triangle6": 9, "tetrahedron10": 25}[cell]
 
 
 def test_other_numbers_of_the_kinds():

@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -166,12 +166,20 @@ _FIRST = (
 
 
 def _second(name: str, plural: str, vtk: int, meshio: str, middles: Corners, points: Floats, weights: Floats) -> Cell:
-    """A cell of second order: its edges are halves, and lead from the middles of squares and of the cell to those of what bounds them."""
+    """A cell of second order; its edges are those of the eight (or four) small cells of the first that it can be cut into.
+
+    These are halves, and lead from the middles of squares and of the cell to those of what bounds them, in triangles from middle to
+    middle, and once through the inside of a tetrahedron.
+    """
     first = next(cell for cell in _FIRST if name.startswith(cell.name))
     at = {frozenset(corners): first.corners + i for i, corners in enumerate(middles)}
     edges = [half for a, b in first.edges for half in ((a, at[frozenset((a, b))]), (at[frozenset((a, b))], b))]
     edges += [(at[frozenset(small)], at[frozenset(large)]) for large in middles for small in middles
               if len(large) == 2 * len(small) and set(small) < set(large)]
+    if first.name in ("triangle", "tetrahedron"):
+        pairs = list(combinations(middles, 2))
+        inner = [pair for pair in pairs if not set(pair[0]) & set(pair[1])][:1]
+        edges += [(at[frozenset(one)], at[frozenset(other)]) for one, other in pairs if set(one) & set(other) or (one, other) in inner]
     around = [(*facet, *(at[frozenset(pair)] for pair in zip(facet, facet[1:] + facet[:1], strict=True)),
                *(at[frozenset(facet)] for _ in range(len(facet) == 4))) for facet in (first.facets if first.dimension == 3 else ())]
     simplex = first.name in ("triangle", "tetrahedron")
