@@ -43,6 +43,11 @@ ShapeFunctions = Callable[[Floats, Floats, Floats], tuple[list[Any], list[tuple[
 GAUSS = (0.5 - 12**-0.5, 0.5 + 12**-0.5)  # two points on [0, 1], each of weight 1/2
 TRIANGLE = ((1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3))  # three points, each of weight 1/6
 HEXAHEDRON = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))  # its corners' coordinates
+_SIMPLEX = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+CORNERS: dict[str, Floats] = {  # (n, 3) of each kind
+    "triangle": np.array(_SIMPLEX[:3], float), "quadrilateral": np.array(HEXAHEDRON[:4], float),
+    "tetrahedron": np.array(_SIMPLEX, float), "hexahedron": np.array(HEXAHEDRON, float),
+    "prism": np.array([(r, s, t) for t in (0, 1) for r, s, _ in _SIMPLEX[:3]], float)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +188,7 @@ def _second(name: str, plural: str, vtk: int, meshio: str, middles: Corners, poi
     around = [(*facet, *(at[frozenset(pair)] for pair in zip(facet, facet[1:] + facet[:1], strict=True)),
                *(at[frozenset(facet)] for _ in range(len(facet) == 4))) for facet in (first.facets if first.dimension == 3 else ())]
     simplex = first.name in ("triangle", "tetrahedron")
-    corners = np.concatenate([np.zeros((1, 3)), np.eye(3)]) if simplex else np.array(HEXAHEDRON, float)
-    places = np.array([corners[list(of)].mean(axis=0) for of in (*((i,) for i in range(first.corners)), *middles)])
+    places = np.array([CORNERS[first.name][list(of)].mean(axis=0) for of in (*((i,) for i in range(first.corners)), *middles)])
     return Cell(name, plural, first.dimension, first.corners, vtk, meshio, tuple(edges), tuple(around),
                 shape_functions=partial(_simplex, middles) if simplex else partial(_tensor, places[:, :first.dimension]),
                 points=points, weights=weights, first=first.name, middles=middles, places=places)
