@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from physics.scene.parts import QUANTITIES
 from physics.schema import InputError, WorkError
 
 Options = argparse.Namespace
@@ -40,6 +41,8 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add("--fields", choices=("stress",), help="stress: also the stress tensor and von Mises stress at the nodes, in all frames")
     add("--csv", help="a table with a row for each frame: obstacle, reaction, energy, penetration, .csv")
     add("--html", metavar="FILE", help="a page in which the path is turned and followed by hand, .html")
+    add("--error", type=float, help="relative error: mesh and order of the cells are chosen for it, in place of the scene's own")
+    add("--quantity", choices=QUANTITIES, help="that the error is of (displacement)")
     _set(add)
 
 
@@ -160,7 +163,8 @@ def simulate(options: Options, *, say: Say, writable: Writable, rank: int = 0, p
     from datagen.flow.verb import simulate_flow
     from physics.scene import FlowScene, load_scene
 
-    scene = load_scene(options.scene, options.set)
+    asked = [f"steps.{name}={value}" for name in ("error", "quantity") if (value := getattr(options, name, None)) is not None]
+    scene = load_scene(options.scene, [*options.set, *asked], anew=getattr(options, "error", None) is not None)
     if isinstance(scene, FlowScene):
         return simulate_flow(scene, options, say=say, writable=writable, processes=processes)
     return _simulate_solid(scene, options, say=say, writable=writable, rank=rank, processes=processes)
@@ -177,6 +181,14 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
         raise InputError(f"{options.scene}: simulate takes no channel; modes do")
     out, table = writable(options.out, ".vtkhdf"), writable(options.csv, ".csv", option="--csv")
     html = writable(options.html, ".html", option="--html")
+    choice, how = None, dict[str, Any]()
+    if scene.steps.error is not None:
+        from physics.accuracy.choose import choose
+
+        if processes > 1:
+            raise InputError("steps.error: the mesh is chosen in one process")
+        choice = choose(scene)
+        scene, how = choice.scene, {"mesh": choice.mesh, "tolerance": choice.tolerance, "small_strain": choice.small_strain}
     if out.exists() and unfinished(out) not in (None, scene.to_toml()):
         raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
 
@@ -185,11 +197,17 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
         raise InputError(f"--out {out}: {part.name} is of an unfinished run, which one process goes on with; delete it to start anew")
     with tqdm(total=scene.steps.count, disable=True if rank else None, desc="simulate", unit="step") as bar:
         solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part if processes == 1 else None,
-                         spread=processes > 1, partial=True)
+                         spread=processes > 1, partial=True, **how)
     if (largest := float(abs(solution.displacement).max())) > np.finfo(np.float32).max:
         part.unlink(missing_ok=True)
         raise WorkError(f"the body moves by up to {largest:.3g} m, and a file holds numbers up to 3.4e+38; nothing is written")
     trajectory = trajectory_of(scene, solution=solution)
+    verdict = None
+    if choice is not None and not solution.failure:
+        from physics.accuracy.table import judge
+
+        verdict = judge(choice, solution)
+        trajectory = replace(trajectory, extra=trajectory.extra | {"accuracy": verdict.table()})
     if rank == 0:
         if options.fields:
             trajectory = replace(trajectory, fields=stress_fields(scene, solution, trajectory))
@@ -223,6 +241,12 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
     if html is not None:
         result["html"] = str(html)
         say(f"page: {html}")
+    if verdict is not None:
+        result["accuracy"] = verdict.table()
+        for text in verdict.lines():
+            say(text)
+        if not verdict.reached:
+            raise WorkError(verdict.not_kept(str(out)), result)
     return result
 
 

@@ -19,6 +19,7 @@ A room imports what stands above it in this list, never below:
     reduced/        the same body in a few shapes
     flow/           a fluid that flows through a plane domain
     solution        `solve`: the answer to a scene, through equilibria or through time
+    accuracy/       an error that is asked: the cheapest mesh that keeps it, and how far it may be believed
     fidelity/       how good a prediction is, and what a Newton step makes of it
     view/           how it looks
 

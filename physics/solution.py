@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.path import LoadPath
+from physics.equilibrium.small_strain import LINEAR_TOLERANCE
 from physics.equilibrium.state import NoEquilibrium
 from physics.journal import Journal, digest_of, flatten, unflatten
 from physics.mesh.build import build_mesh, of_order
@@ -75,7 +76,7 @@ class Solution:
 
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
           journal: str | Path | None = None, tolerance: float = TOLERANCE, method: str | None = None,
-          spread: bool = False, final: bool = False, partial: bool = False) -> Solution:
+          spread: bool = False, final: bool = False, partial: bool = False, small_strain: float = LINEAR_TOLERANCE) -> Solution:
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
@@ -88,6 +89,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         spread: over all processes of an MPI run, which share the linear algebra; every one gets the whole answer
         final: only the end of the loading counts: in as few equal steps as lead there without a snap, FEWEST or more. Of several
             states in which the body could rest there, a path of small steps decides
+        small_strain: error over the largest displacement that linear elasticity may make in place of finite strain
         partial: give what was reached of a path that cannot be followed to its end, and why in `failure`, in place of raising
 
     Returns:
@@ -101,12 +103,13 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     """
     if final:
         return _final(scene, mesh=mesh, on_step=on_step, journal=journal, tolerance=tolerance, method=method, spread=spread,
-                      partial=partial)
+                      partial=partial, small_strain=small_strain)
     started, processor, spent = time.perf_counter(), time.process_time(), 0.0
     mesh = of_order(mesh or build_mesh(scene.body), scene.body)
-    path, frames, failure = _way(scene, mesh, tolerance, method, spread), [], ""
+    path, frames, failure = _way(scene, mesh, tolerance, method, spread, small_strain), [], ""
     set_up = time.process_time() - processor
-    kept = None if journal is None else Journal(journal, identity(scene, mesh) + f" to {tolerance}" * (tolerance != TOLERANCE))
+    limits = f" to {tolerance}" * (tolerance != TOLERANCE) + f" linear to {small_strain}" * (small_strain != LINEAR_TOLERANCE)
+    kept = None if journal is None else Journal(journal, identity(scene, mesh) + limits)
     try:
         if kept is not None and kept.frames:
             frames = kept.rows
@@ -153,9 +156,9 @@ def _final(scene: Scene, *, partial: bool, **how: Any) -> Solution:
         count = min(4 * count, most)
 
 
-def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread: bool) -> LoadPath | Motion:
+def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread: bool, small_strain: float) -> LoadPath | Motion:
     if not scene.steps.dynamic:
-        return LoadPath(scene, mesh, tolerance=tolerance, method=method, spread=spread)
+        return LoadPath(scene, mesh, tolerance=tolerance, method=method, spread=spread, small_strain=small_strain)
     if spread:
         raise InputError("steps.dynamic = true: motion in time runs as one process")
     return Motion(scene, mesh, tolerance=tolerance)

@@ -152,3 +152,9 @@ def test_a_family_file_names_itself_and_may_leave_out_its_splits(tmp_path):
     (tmp_path / "bare.toml").write_text('name = "other"\n' + text + "[splits]\ntest = 4\n")
     named = load_family(tmp_path / "bare.toml")
     assert named.name == "other" and counts(named) == {"train": 8, "valid": 1, "test": 4} and "splits" not in named.table
+
+
+def test_a_family_whose_scenes_ask_for_an_error_is_refused():
+    asks = family(body={"length": 0.5, "width": 0.3, "height": 0.2}, steps={"error": 0.01})
+    with pytest.raises(InputError, match="^steps.error: is for simulate alone"):
+        draw(asks, 0, 0)

@@ -205,3 +205,39 @@ def test_the_page_of_a_path_counts_all_steps_and_tells_their_time(tmp_path, monk
     assert (shown["steps"], shown["material"], shown["step_seconds"]) == (3, None, None) and shown["facts"]["steps"] == "3 of 3"
     scene_verbs.write_path(tmp_path / "p.html", "A path", replace(made, extra={"linear_steps": 2}))
     assert shown["material"].law == "neo-hookean"
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_an_error_that_is_asked_replaces_the_mesh_and_its_table_is_printed_and_kept(tmp_path, monkeypatch, reached):
+    """The choice is made up: another number of cells. Where it is not kept the file is written and the work has failed."""
+    from physics.accuracy.table import HEADS, Verdict
+
+    path = tmp_path / "s.toml"
+    path.write_text(beam(body=COARSE | {"order": 2}, steps={"count": 1}, load=[{"where": "x-max", "traction": [1.0, 0.0, 0.0]}]).to_toml())
+    verdict = Verdict(0.02, "stress", 0.01, reached, (dict(zip(HEADS, ("cells along x", "2", 0.01, None), strict=True)),), ("odd",))
+    asked, said = [], []
+
+    def choose(scene):
+        asked.append(scene)
+        own = beam(body=COARSE | {"cells": [2, 1, 1]}, steps={"count": 1}, load=[{"where": "x-max", "traction": [1.0, 0.0, 0.0]}])
+        return SimpleNamespace(scene=own, mesh=build_mesh(own.body), tolerance=1e-7, small_strain=2e-3)
+
+    monkeypatch.setattr("physics.accuracy.choose.choose", choose)
+    monkeypatch.setattr("physics.accuracy.table.judge", lambda choice, solution: verdict)
+    options = argparse.Namespace(scene=path, out=tmp_path / "t.vtkhdf", csv=None, html=None, fields=None, set=[], error=0.02,
+                                 quantity="stress")
+
+    def run():
+        return scene_verbs.simulate(options, say=said.append, writable=writable)
+
+    if reached:
+        assert run()["accuracy"] == verdict.table()
+    else:
+        with pytest.raises(WorkError, match="is not promised") as failed:
+            run()
+        assert failed.value.result["accuracy"]["reached"] is False
+    (scene,) = asked
+    assert (scene.steps.error, scene.steps.quantity, scene.body.cells, scene.body.order) == (0.02, "stress", None, 1)
+    made = read_trajectory(tmp_path / "t.vtkhdf")
+    assert len(made.mesh.cells) == 2 and made.extra["accuracy"] == verdict.table() and "error" not in made.scene
+    assert any(line.split() == ["cells", "along", "x", "2", "0.01"] for line in said) and said[-1] == "odd"

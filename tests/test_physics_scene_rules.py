@@ -47,7 +47,8 @@ def test_every_default():
                      "normal": None, "angle": None,
                      "file": None, "surface": None, "source": None, "scale": None, "path": ((0.0, 0.0, 1.0),), "steps": None,
                      "contact": "facets"},
-        "steps": {"count": 400, "duration": None, "dynamic": False, "velocity": None}}
+        "steps": {"count": 400, "duration": None, "dynamic": False, "velocity": None, "error": None,
+                      "quantity": None}}
     bare = scene()
     assert bare.support == () and bare.load == () and bare.obstacle is None
     channel = read_body({"body": {"shape": "channel"}})
@@ -292,7 +293,7 @@ def test_files(tmp_path):
     ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, steps, contact"),
     ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, steps, contact"),
     ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, angle, axis, path, steps, contact"),
-    ("steps", {"number": 1}, "count, duration, dynamic, velocity")])
+    ("steps", {"number": 1}, "count, duration, dynamic, velocity, error, quantity")])
 def test_an_unknown_key_lists_those_that_its_shape_takes(name, table, takes):
     whole = {"body": {"length": 1.0, "width": 1.0, "height": 1.0, "cells": [1, 1, 1]}, "material": {"young_modulus": 1, "poisson_ratio": 0}}
     with pytest.raises(InputError, match=rf"^{name}\.\w+: unknown key.* {name} takes {takes}$"):

@@ -11,7 +11,8 @@ from physics.mesh.cell import OF_VTK
 from physics.schema import InputError
 
 EXTRA = {"linear_steps": int, "factorisations": int, "tolerance": float, "seconds": float, "step_seconds": float, "seconds_per_step": float,
-         "failure": str, "imported": str, "model": dict, "mesh_file": dict, "failed_attempts": list, "laplacian_eigenvalues": list}
+         "failure": str, "imported": str, "model": dict, "mesh_file": dict, "accuracy": dict,
+         "failed_attempts": list, "laplacian_eigenvalues": list}
 
 
 def misshapen(made: Any) -> str:

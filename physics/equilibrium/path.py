@@ -50,10 +50,11 @@ class LoadPath:
 
     Memory = PathMemory
 
-    def __init__(self, scene: Scene, mesh: Mesh, *, tolerance: float = TOLERANCE, method: str | None = None, spread: bool = False) -> None:
-        """Args: tolerance: residual over reaction; method, spread: of the linear algebra, as in `factor.solver_for`."""
+    def __init__(self, scene: Scene, mesh: Mesh, *, tolerance: float = TOLERANCE, method: str | None = None, spread: bool = False,
+                 small_strain: float = LINEAR_TOLERANCE) -> None:
+        """Args: tolerance: residual over reaction; small_strain: error that it may make; method, spread: as in `factor.solver_for`."""
         self._finite = Balance(scene, mesh, method=method, spread=spread)
-        self.linear, self.kinematics = choose(scene, mesh, self._finite)  # as long as small strain is enough, and why it is not
+        self.linear, self.kinematics = choose(scene, mesh, self._finite, small_strain)  # while small strain is enough, and why it is not
         self.linear_steps = 0
         self.newton = self.linear.newton if self.linear else Newton(self._finite)
         self.newton.tolerance = tolerance
@@ -91,7 +92,7 @@ class LoadPath:
     def _leave_linear(self) -> None:
         assert self.linear is not None
         self.kinematics = (f"finite strain after {self.linear_steps} steps of linear elasticity, which in the next one would have been "
-                           f"off by {self.linear.error:.1e} of the largest displacement, {LINEAR_TOLERANCE:g} is allowed")
+                           f"off by {self.linear.error:.1e} of the largest displacement, {self.linear.allowed:g} is allowed")
         self._finite_from_here()
 
     def _finite_from_here(self) -> None:

@@ -48,12 +48,12 @@ class LinearMemory:
 class Linear:
     """A scene solved as linear elasticity, watched by the error that this leaves in the equations of finite strain.
 
-    newton: of the linear equations; error: the largest estimate so far
+    newton: of the linear equations; error: the largest estimate so far; allowed: how large it may be
     """
 
-    def __init__(self, newton: Newton, finite: Elasticity, *, asked: bool = False) -> None:
+    def __init__(self, newton: Newton, finite: Elasticity, *, asked: bool = False, allowed: float = LINEAR_TOLERANCE) -> None:
         """Args: newton: of the linear equations; finite: the body under the law that the error is estimated for; asked: by the scene."""
-        self.newton, self.finite, self.asked, self.error = newton, finite, asked, 0.0
+        self.newton, self.finite, self.asked, self.error, self.allowed = newton, finite, asked, 0.0, allowed
         self._largest, self._since = 0.0, 0
 
     @cached_property
@@ -99,7 +99,7 @@ class Linear:
         if largest > GROWTH * self._largest or self._since >= STEPS:
             self._largest, self._since = max(largest, self._largest), 0
             self.error = max(self.error, self.estimate(u))
-        return self.error <= LINEAR_TOLERANCE
+        return self.error <= self.allowed
 
     def said(self, u: Floats) -> str:
         """What was chosen and why, in words; u (N, 3): the last solution."""
@@ -107,7 +107,7 @@ class Linear:
             return (f"small strain, as the linear law has it; finite strain (Saint-Venant-Kirchhoff) would move the last step by about "
                     f"{self.estimate(u):.1e} of the largest displacement")
         return (f"small strain: linear elasticity is off by an estimated {self.error:.1e} of the largest displacement, "
-                f"{LINEAR_TOLERANCE:g} is allowed")
+                f"{self.allowed:g} is allowed")
 
     def memory(self) -> LinearMemory:
         return LinearMemory(self.error, self._largest, self._since)
@@ -117,8 +117,8 @@ class Linear:
         self.error, self._largest, self._since = memory.error, memory.largest, memory.since
 
 
-def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, str]:
-    """A linear solver when it is good enough for a scene, None when it is not; and why.
+def choose(scene: Scene, mesh: Mesh, finite: Balance, allowed: float = LINEAR_TOLERANCE) -> tuple[Linear | None, str]:
+    """A linear solver when it is good enough for a scene, None when it is not; and why. Args: allowed: error of the largest displacement.
 
     Looked at is the end of the loading, or where the obstacle is deepest in the body at rest.
     """
@@ -137,15 +137,16 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance) -> tuple[Linear | None, st
     if depth > DEEPEST * extent:
         return None, (f"finite strain: the obstacle reaches {depth:.2g} m into where the body rests, {depth / extent:.1g} of its largest "
                       f"extent; small strain is not tried above {DEEPEST:g}")
-    linear = Linear(Newton(Balance(scene.under("linear"), mesh, method=finite.method, spread=finite.spread)), finite.body)
+    linear = Linear(Newton(Balance(scene.under("linear"), mesh, method=finite.method, spread=finite.spread)), finite.body,
+                    allowed=allowed)
     try:
         end = (linear.whole if finite.contact is None else linear.at(fraction)).u
     except NoEquilibrium:
         return None, "finite strain: there is no linear solution"
     error = linear.estimate(end)
-    if error > LINEAR_TOLERANCE:
+    if error > allowed:
         return None, (f"finite strain: linear elasticity would be off by {error:.1e} of the largest displacement, "
-                      f"{LINEAR_TOLERANCE:g} is allowed")
+                      f"{allowed:g} is allowed")
     try:
         factor_for(finite.elasticity).update(end)
     except NotPositiveDefinite:

@@ -109,7 +109,8 @@ class Body:
         """Numbers of cells along x, y and, unless the body is plane, z."""
         if self.cells is not None:
             return self.cells
-        assert self.cell_size is not None
+        if self.cell_size is None:
+            raise InputError("body: neither cells nor cell_size; steps.error, which chooses them, is for simulate alone")
         if self.layers is not None:
             return (*(max(1, round(side / self.cell_size)) for side in self.extent[:2]), self.layers)
         return tuple(max(1, round(side / self.cell_size)) for side in self.extent if side)

@@ -8,6 +8,8 @@ from typing import Any
 from physics.scene.body import FAR, Vector, Where
 from physics.schema import quantity
 
+QUANTITIES = ("displacement", "reaction", "stress")
+_QUANTITY: Any = quantity(None, choice=QUANTITIES)  # in the class the name is that of the key
 STRONG: dict[str, Any] = {"at_least": -1e18, "at_most": 1e18}  # of tractions [Pa] and accelerations [m/s2]
 # Which keys each shape of [obstacle] needs; a box may have a radius and an angle too, and a mesh these and a scale. The surface of a mesh
 # comes from a `file`.
@@ -131,13 +133,20 @@ class Steps:
     `dynamic` gives the body inertia; then `duration` is needed, and `velocity` is that of the whole body at the start, but for
     what is held.
 
+    `error` asks for a solution that is off by at most so much, in a relative norm of the `quantity` over the body and all frames; the
+    program then chooses mesh and order of the cells (accuracy/). It is for solids through equilibria.
+
     count: how many
     duration: of all of them
     dynamic: whether the body has inertia
     velocity: of the body at the start
+    error: asked for, relative; in place of cells, cell_size, layers, cell (of a solid), order and element
+    quantity: that the error is of; displacement when left out
     """
 
     count: int = quantity(400, at_least=1, at_most=1_000_000)
     duration: float | None = quantity(None, unit="s", above=0, at_least=1e-9, at_most=1e9)
     dynamic: bool = False
     velocity: Vector | None = quantity(None, unit="m/s", **FAR)
+    error: float | None = quantity(None, above=0, below=1)
+    quantity: str | None = _QUANTITY

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from physics.scene.body import KEYS, PLANE_CELLS, SOLID_CELLS, Body, Material, Where
-from physics.scene.parts import NEEDS, TAKES, Load, Obstacle, Support
+from physics.scene.parts import NEEDS, TAKES, Load, Obstacle, Steps, Support
 from physics.scene.surface import read_surface, surface_in
 from physics.scene.tables import check_steps
 from physics.schema import InputError, nearest
@@ -57,6 +57,26 @@ def _with_moduli(material: Any, key: str) -> Any:
     return material | first
 
 
+def chosen_keys(body: Any) -> tuple[str, ...]:
+    """The keys of a body's table that an error asked for decides, how fine its mesh is. A plane body's cell stays its own."""
+    plane = isinstance(body, dict) and body.get("cell") in PLANE_CELLS
+    return ("cells", "cell_size", "layers", "order", "element", *(() if plane else ("cell",)))
+
+
+def check_error(steps: Steps, body: Body, given: dict[str, Any]) -> None:
+    """Whether an error may be asked for, and that nothing is given which it decides."""
+    if steps.error is None:
+        if steps.quantity is not None:
+            raise InputError("steps.quantity: needs error, the one asked for")
+        return
+    if steps.dynamic:
+        raise InputError("steps.error: is for equilibria; of a body in motion (dynamic = true) the error in time is not known")
+    if body.shape == "channel":
+        raise InputError("steps.error: a channel has modes only")
+    if decided := [key for key in chosen_keys(given) if key in given]:
+        raise InputError(f"body.{decided[0]}: steps.error decides {', '.join(chosen_keys(given))}; leave {' and '.join(decided)} out")
+
+
 def check_materials(materials: tuple[Material, ...], body: Body) -> None:
     """What each of the materials of a body needs, and what goes with what."""
     for i, material in enumerate(materials):
@@ -87,8 +107,8 @@ def _check_orthotropic(material: Material, key: str) -> None:
                          "energy; nu_ij must be below the root of E_i / E_j, and all three together smaller still")
 
 
-def check_body(body: Body, given: dict[str, Any]) -> None:
-    """Which keys a shape needs, takes and refuses."""
+def check_body(body: Body, given: dict[str, Any], *, chosen: bool = False) -> None:
+    """Which keys a shape needs, takes and refuses. Args: chosen: its mesh is, by the error asked for."""
     plane, takes = is_plane(body), keys_of(body)
     kind = f"a plane {body.shape}" if body.shape == "plate" and plane else f"a {body.shape}"
     for key in given:
@@ -110,7 +130,9 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
     if body.element == "reduced" and body.order == 2:
         raise InputError("body.element = \"reduced\": for cells of first order only; leave it or order = 2 out")
     if body.shape == "panel":
-        _check_panel(body)
+        _check_panel(body, chosen=chosen)
+    if chosen:
+        return
     if body.shape in ("beam", "plate"):
         if (body.cells is None) == (body.cell_size is None):
             raise InputError("body: give exactly one of cells and cell_size")
@@ -132,9 +154,9 @@ def check_body(body: Body, given: dict[str, Any]) -> None:
                              f"{length:g} x {height:g} m")
 
 
-def _check_panel(body: Body) -> None:
+def _check_panel(body: Body, *, chosen: bool) -> None:
     """What a panel needs; whether its outline crosses itself is seen when it is meshed."""
-    if body.cell_size is None:
+    if body.cell_size is None and not chosen:
         raise InputError("body.cell_size: missing")
     if body.cell not in ("tetrahedron", "prism"):
         raise InputError(f"body.cell = {body.cell!r}: a panel has tetrahedron or prism cells")

@@ -15,10 +15,12 @@ from physics.scene.flow import FlowScene, read_flow
 from physics.scene.parts import Load, Obstacle, Steps, Support
 from physics.scene.rules import (
     check_body,
+    check_error,
     check_load,
     check_materials,
     check_place,
     check_support,
+    chosen_keys,
     complete,
     keys_of,
     orthotropic,
@@ -78,7 +80,8 @@ class Scene:
         """The scene as a TOML file that `load_scene` reads back unchanged."""
         table = to_table(self)
         takes = keys_of(self.body)  # without the defaults of other shapes' keys
-        table["body"] = {key: value for key, value in table["body"].items() if key in takes}
+        left_out = chosen_keys(table["body"]) if self.steps.error is not None else ()
+        table["body"] = {key: value for key, value in table["body"].items() if key in takes and key not in left_out}
         return tomli_w.dumps(table)
 
     @staticmethod
@@ -87,12 +90,13 @@ class Scene:
         return read_scene(_parsed(text))
 
 
-def load_scene(path: str | Path, changes: Sequence[str] = ()) -> Any:
+def load_scene(path: str | Path, changes: Sequence[str] = (), *, anew: bool = False) -> Any:
     """A solid (`Scene`) or a flow (`FlowScene`) from a TOML file, some values changed (`obstacle.radius=0.012`).
 
+    Args: anew: without the keys of the body that an error asked for decides.
     Raises `InputError` when anything about it is wrong.
     """
-    return _load(path, read_any, changes)
+    return _load(path, read_any, changes, anew=anew)
 
 
 def load_solid(path: str | Path, changes: Sequence[str] = ()) -> Scene:
@@ -137,10 +141,12 @@ def beside(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     return table
 
 
-def _load(path: str | Path, read: Callable[[dict[str, Any]], Any], changes: Sequence[str] = ()) -> Any:
+def _load(path: str | Path, read: Callable[[dict[str, Any]], Any], changes: Sequence[str] = (), *, anew: bool = False) -> Any:
     try:
         table = read_toml(path)
         change(table, changes)
+        if anew and isinstance(given := table.get("body"), dict):
+            table["body"] = {key: value for key, value in given.items() if key not in chosen_keys(given)}
         return read(with_tables(beside(table, Path(path).parent), Path(path).parent))
     except InputError as error:
         text = str(error)
@@ -165,7 +171,8 @@ def read_scene(table: dict[str, Any]) -> Scene:
     """A scene from a table, with the rules that bind several keys. Raises `InputError`."""
     given, table = table.get("body"), orthotropic(table)
     scene = read_table(Scene, table | {"body": with_defaults(given)} if "body" in table else table)
-    check_body(scene.body, given or {})
+    check_error(scene.steps, scene.body, given or {})
+    check_body(scene.body, given or {}, chosen=scene.steps.error is not None)
     scene = replace(scene, material=_one(scene.material), obstacle=_one(scene.obstacle))
     if not scene.material:
         raise InputError("material: missing")

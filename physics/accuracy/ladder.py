@@ -1,0 +1,140 @@
+"""Which meshes may a body have, from coarse to fine, and at which points are they compared?
+
+A beam or plate is cut into hexahedra, of first order (with one dilatation a cell) or of second, with numbers along x, y and z that grow
+by themselves; a plane plate into its cells. A panel has numbers in its plane and of its layers, in tetrahedra. A file's own mesh is
+taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body share: the
+middles of a regular grid in a box, else those of the cells of the coarsest mesh.
+
+Legend: M points.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physics.body.element import samples
+from physics.contact.obstacles import Rigid
+from physics.mesh.build import across, build_mesh, of_order
+from physics.mesh.cell import SECOND
+from physics.mesh.mesh import Mesh
+from physics.mesh.refine import halved
+from physics.scene import PLANE_CELLS, Body, Scene
+
+Floats = NDArray[np.float64]
+Sizes = tuple[int, ...]
+
+ALONG = 6  # cells along the longest side of the coarsest mesh
+GROWTH = 1.5  # from one number of cells to the next
+STIFF = 0.45  # Poisson's ratio from which second-order cells have mean dilatation
+GRID = 10  # points of comparison along the longest side of a box
+MOST_POINTS = 800
+
+
+@dataclass(frozen=True)
+class Family:
+    """Meshes of one body with cells of one order.
+
+    base: the coarsest; axes: what its numbers count
+    """
+
+    scene: Scene
+    order: int
+    base: Sizes
+    axes: tuple[str, ...]
+
+    @property
+    def body(self) -> Body:
+        return self.scene.body
+
+    @cached_property
+    def own(self) -> Mesh:
+        """Of a file: the mesh in it, of its own order."""
+        return build_mesh(replace(self.body, order=1))
+
+    def after(self, sizes: Sizes, axis: int) -> Sizes:
+        """The next finer mesh along an axis; a file's cells are halved."""
+        n = sizes[axis]
+        following = 2 * n if self.body.shape == "file" else max(n + 1, math.ceil(GROWTH * n))
+        return (*sizes[:axis], following, *sizes[axis + 1:])
+
+    def rung(self, sizes: Sizes) -> tuple[Scene, Mesh]:
+        """The scene with the mesh of these numbers, in the keys of its body as far as they can say it, and the mesh."""
+        body, steps = self.body, replace(self.scene.steps, error=None, quantity=None)
+        ratio = max(material.poisson_ratio for material in self.scene.materials)
+        if body.shape == "file":
+            mesh = self.own
+            for _ in range(round(math.log2(sizes[0]))):
+                mesh = halved(mesh)
+            solid = mesh.dimension == 3 and (mesh.cell != "tetrahedron" or self.order == 2)
+            body = replace(body, order=self.order, element="mean-dilatation" if solid and ratio >= STIFF else "standard")
+            return replace(self.scene, body=body, steps=steps), across(of_order(mesh, body), body)
+        if body.shape == "panel":
+            body = replace(body, cell="tetrahedron", cell_size=max(body.extent) / sizes[0], layers=sizes[1], order=self.order)
+        elif len(sizes) == 2:
+            body = replace(body, cells=sizes)
+        else:
+            body = replace(body, cells=sizes, cell="hexahedron", order=self.order)
+        free = body.cell == "hexahedron" and self.order == 1
+        if free or (body.order == 2 and ratio >= STIFF):
+            body = replace(body, element="mean-dilatation")
+        return replace(self.scene, body=body, steps=steps), build_mesh(body)
+
+    def said(self, sizes: Sizes) -> str:
+        """The cells in words."""
+        order = "second" if self.order == 2 else "first"
+        if self.body.shape == "file":
+            return f"the file's own, {order} order" + (f", each side in {sizes[0]}" if sizes[0] > 1 else "")
+        kind = "tetrahedra" if self.body.shape == "panel" else f"{self.body.cell}s" if len(sizes) == 2 else "hexahedra"
+        return f"{' x '.join(map(str, sizes))} {kind}, {order} order"
+
+    @property
+    def highest(self) -> float:
+        """The order of convergence of smooth displacements in the mean square."""
+        return 2.0 if self.order == 1 else 4.0
+
+
+def families(scene: Scene) -> list[Family]:
+    """The ways to mesh a body, that of second order first. Raises `InputError` when a file is not sound."""
+    body = scene.body
+    if body.shape == "file":
+        first = Family(scene, 1, (1,), ("the file's cells",))
+        solid = first.own.dimension == 3 and first.own.cell in SECOND
+        return [replace(first, order=2), first] if solid else [first]
+    extent, longest = [side for side in body.extent if side], max(body.extent)
+    width = min((Rigid(obstacle).width for obstacle in scene.obstacles), default=math.inf)
+    width *= 1 if any(obstacle.contact == "nodes" for obstacle in scene.obstacles) else 2
+    size = min(longest / ALONG, width)
+
+    def base(least: int) -> Sizes:
+        return tuple(max(least, math.ceil(side / size * (1 - 1e-9))) for side in extent)
+
+    if body.shape == "panel":
+        holes = [2 * radius for _, _, radius in body.holes or ()]
+        n = math.ceil(longest / min([size, *holes]))
+        return [Family(scene, order, (n, max(order_layers, math.ceil(extent[2] / size))), ("in the plane", "layers"))
+                for order, order_layers in ((2, 1), (1, 2))]
+    if body.cell in PLANE_CELLS:
+        return [Family(scene, 1, base(2), ("x", "y"))]
+    return [Family(scene, order, base(least), ("x", "y", "z")) for order, least in ((2, 1), (1, 2))]
+
+
+def points_of(family: Family) -> tuple[Floats, Floats]:
+    """Points (M, 3) at which solutions are compared, and their shares (M,) of the volume."""
+    body = family.body
+    if body.shape in ("beam", "plate"):
+        longest, plane = max(body.extent), body.cell in PLANE_CELLS
+        numbers = [1 if not side else max(3, round(GRID * side / longest)) for side in body.extent]
+        lines = [(np.arange(n) + 0.5) / n * side for n, side in zip(numbers, body.extent, strict=True)]
+        points = np.array(list(product(*lines)))
+        points[:, 2] *= not plane
+        return points, np.full(len(points), 1 / len(points))
+    _, mesh = replace(family, order=1).rung(family.base)
+    some = slice(None, None, -(-len(mesh.cells) // MOST_POINTS))
+    volume = samples(mesh).volumes.sum(axis=0)[some]
+    return mesh.points[mesh.cells[some]].mean(axis=1), volume / volume.sum()

@@ -1,0 +1,111 @@
+"""What was chosen for an error that is asked, what each choice makes of the error, and what it costs: one table.
+
+A row is a choice, what was taken, its share of the error (relative) and seconds of the processor of the whole scene. Those of the next
+coarser and finer mesh are the pilots', by how much longer the whole scene took than its own pilot.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from physics.accuracy.choose import MOST_NODES, Choice
+from physics.accuracy.estimate import distance
+from physics.accuracy.ladder import Sizes
+from physics.solution import Solution
+
+HEADS = "choice", "taken", "error", "seconds"
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """asked, estimated: errors of the quantity, relative; reached: whether the one is below the other; remarks: what makes it doubtful."""
+
+    asked: float
+    quantity: str
+    estimated: float
+    reached: bool
+    rows: tuple[Row, ...]
+    remarks: tuple[str, ...]
+
+    def table(self) -> dict[str, Any]:
+        """As a JSON object, and in a trajectory file."""
+        return {"asked": self.asked, "quantity": self.quantity, "estimated": self.estimated if math.isfinite(self.estimated) else None,
+                "reached": self.reached,
+                "rows": list(self.rows), "remarks": list(self.remarks)}
+
+    def not_kept(self, out: str) -> str:
+        """Why the error asked is not promised, for a reader who has the file."""
+        return (f"the error asked, {self.asked:.3g}, is not promised: {self.estimated:.2g} is estimated on the finest mesh tried, of at "
+                f"most {MOST_NODES} nodes; its path is in {out}")
+
+    def lines(self) -> list[str]:
+        """For a reader."""
+        said = (f"error of the {self.quantity}: {self.asked:.3g} asked, {self.estimated:.2g} estimated, "
+                f"{'kept' if self.reached else 'NOT kept'}")
+        cells = [HEADS, *((row["choice"], row["taken"], *(_number(row[head]) for head in HEADS[2:])) for row in self.rows)]
+        wide = [max(len(row[i]) for row in cells) for i in range(len(HEADS))]
+        lines = ["  ".join(entry.ljust(n) if i < 2 else entry.rjust(n) for i, (entry, n) in enumerate(zip(row, wide, strict=True))).rstrip()
+                 for row in cells]
+        return [said, *lines, *self.remarks]
+
+
+def judge(choice: Choice, solution: Solution) -> Verdict:
+    """What the whole scene came to, solved as it was chosen."""
+    climb, pilots = choice.climb, choice.pilots
+    family, frames = climb.family, len(solution.displacement) - 1
+    path = distance(pilots.of(choice.scene, solution, [frames]), choice.pilot.last, pilots.weights)
+    linear = choice.small_strain if solution.linear_steps and not choice.scene.linear else 0.0
+    rows: list[Row] = []
+
+    def add(name: str, taken: str, error: float | None, seconds: float | None = None) -> None:
+        known = None if error is None or not math.isfinite(error) else error
+        rows.append(dict(zip(HEADS, (name, taken, known, seconds), strict=True)))
+
+    for axis, part in sorted(climb.parts.items()):
+        add(f"cells along {family.axes[axis]}" if family.body.shape in ("beam", "plate") else f"cells: {family.axes[axis]}",
+            f"{climb.sizes[axis]}, order {family.order}, error falls as n^-{part.order:.2g} ({part.how})", part.error)
+    add("kinematics", "the linear law, as asked" if choice.scene.linear else
+        f"small strain in {solution.linear_steps} of {frames} steps" if solution.linear_steps else "finite strain", linear)
+    add("tolerance", f"{choice.tolerance:.0e} of the reaction", choice.loose)
+    add("steps", f"all {frames} are solved; the end, against {pilots.poses} steps", path)
+    estimated = climb.error + linear + choice.loose + path
+    reached = bool(climb.reached and estimated <= choice.asked)
+    ratio = solution.seconds / choice.pilot.seconds
+    add("the whole scene", family.said(climb.sizes), estimated, solution.seconds)
+    coarser, finer = _beside(choice)
+    for name, mesh in (("next coarser", coarser), ("next finer", finer)):
+        if mesh is not None:
+            sizes, error, seconds = mesh
+            add(name, family.said(sizes), error, None if seconds is None else seconds * ratio)
+    if choice.other is not None:
+        other = choice.other
+        sizes, error = other.ladder[-1]
+        add("the other order", other.family.said(sizes) + ("" if other.reached else ", given up"), error,
+            pilots(other.family, sizes).seconds * ratio)
+    add("the search", f"{len(pilots)} solutions at {pilots.poses} poses", None, pilots.seconds)
+    doubtful = " and ".join(family.axes[axis] for axis, part in sorted(climb.parts.items())
+                            if part.how == "irregular" and part.error > choice.asked / 10)
+    remarks = (f"the error along {doubtful} does not fall regularly: the larger of two differences is taken",) * bool(doubtful)
+    if solution.snap.any():
+        remarks += ("the body snaps: where it comes to rest depends on more than the mesh, and the estimate knows nothing of that",)
+    return Verdict(choice.asked, choice.quantity, estimated, reached and not solution.snap.any(), tuple(rows), remarks)
+
+
+def _beside(choice: Choice) -> tuple[tuple[Sizes, float, float | None] | None, ...]:
+    """The meshes next to the chosen one, each with its error and the seconds of its pilot."""
+    climb, pilots = choice.climb, choice.pilots
+    coarser = climb.ladder[-2] if len(climb.ladder) > 1 else None
+    if not climb.parts:
+        return None, None
+    axis = max(climb.parts, key=lambda one: climb.parts[one].error)
+    finer, part = climb.family.after(climb.sizes, axis), climb.parts[axis]
+    error = climb.error - part.error * (1 - (climb.sizes[axis] / finer[axis]) ** part.order)
+    return (None if coarser is None else (*coarser, pilots(climb.family, coarser[0]).seconds),
+            (finer, error, pilots(climb.family, finer).seconds if pilots.knows(climb.family, finer) else None))
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.2g}"

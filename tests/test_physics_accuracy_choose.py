@@ -1,0 +1,128 @@
+"""Scenes that ask for an error: what is chosen, whether the error is kept, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from physics.accuracy.choose import choose
+from physics.accuracy.estimate import distance
+from physics.accuracy.ladder import families, points_of
+from physics.accuracy.table import HEADS, judge
+from physics.mesh.build import build_mesh
+from physics.scene import Scene, read_scene
+from physics.schema import InputError
+from physics.solution import solve
+from tests.scenes import beam
+
+SIDES = {"length": 0.06, "width": 0.02, "height": 0.02}
+
+
+def asked(error=0.05, **changes):
+    """A beam in small bending by a traction at its end, of which an error is asked."""
+    traction = [{"where": "x-max", "traction": [0.0, 0.0, -1.0]}]
+    steps = {"count": 2, "error": error} | changes.pop("steps", {})
+    return beam(**({"body": SIDES, "load": traction, "steps": steps} | changes))
+
+
+@pytest.fixture(scope="module")
+def bent():
+    scene = asked()
+    choice = choose(scene)
+    solution = solve(choice.scene, mesh=choice.mesh, tolerance=choice.tolerance, small_strain=choice.small_strain)
+    return scene, choice, solution, judge(choice, solution)
+
+
+def test_a_bar_pulled_evenly_is_exact_on_the_coarsest_mesh_of_first_order():
+    """u = sigma / E (x, -nu y, -nu z), which cells of any size hold."""
+    rollers = [{"where": f"{axis}-min", "fixed": axis} for axis in "xyz"]
+    scene = asked(support=rollers, load=[{"where": "x-max", "traction": [10.0, 0.0, 0.0]}])
+    choice = choose(scene)
+    assert choice.climb.family.order == 1 and choice.climb.sizes == choice.climb.family.base and choice.climb.error < 1e-6
+    u = choice.pilot.last[0]
+    exact = choice.pilots.points * [1e-5, -4e-6, -4e-6]
+    assert abs(u - exact).max() < 5e-3 * abs(exact).max()  # small strain may make 0.005 of it
+
+
+def test_a_bent_beam_keeps_the_error_against_much_finer_cells_of_second_order(bent):
+    _, choice, solution, verdict = bent
+    fine = replace(choice.scene.body, cells=(16, 5, 5), cell="hexahedron", order=2, element="standard")
+    truth = solve(replace(choice.scene, body=fine, steps=replace(choice.scene.steps, count=1)))
+    pilots = choice.pilots
+    true = distance(pilots.of(choice.scene, solution, [2]), pilots.of(choice.scene, truth, [1]), pilots.weights)
+    assert verdict.reached and 0.05 / 20 < true < 0.05
+    assert true < verdict.estimated <= 0.05
+
+
+def test_the_table_has_a_row_for_each_choice_and_its_shares_make_the_whole(bent):
+    *_, verdict = bent
+    rows = {row["choice"]: row for row in verdict.rows}
+    assert all(tuple(row) == HEADS for row in verdict.rows)
+    parts = ("cells along x", "cells along y", "cells along z", "kinematics", "tolerance", "steps")
+    assert {*parts, "the whole scene", "next finer", "the search"} <= set(rows)
+    assert sum(rows[name]["error"] for name in parts) == pytest.approx(rows["the whole scene"]["error"]) == verdict.estimated
+    assert rows["next finer"]["error"] < rows["the whole scene"]["error"]
+    assert "next coarser" not in rows or rows["next coarser"]["error"] > 0.8 * 0.05
+    lines = verdict.lines()
+    assert lines[0].startswith("error of the displacement: 0.05 asked") and lines[0].endswith("kept") and lines[1].split() == list(HEADS)
+    assert verdict.table()["rows"] == list(verdict.rows)
+
+
+def test_the_same_scene_leads_to_the_same_choice(bent):
+    scene, choice, _, _ = bent
+    again = choose(scene)
+    assert again.scene == choice.scene and again.tolerance == choice.tolerance
+    assert np.array_equal(again.pilot.values, choice.pilot.values)
+
+
+def test_what_is_solved_is_a_scene_of_its_own_that_asks_for_nothing(bent):
+    _, choice, _, _ = bent
+    assert choice.scene.steps.error is None and Scene.from_toml(choice.scene.to_toml()) == choice.scene
+    assert np.array_equal(build_mesh(choice.scene.body).points, choice.mesh.points)
+
+
+def test_an_error_beyond_the_nodes_allowed_is_not_promised():
+    scene = asked(error=1e-4)
+    choice = choose(scene, most=250)
+    assert not choice.climb.reached and choice.climb.error > 1e-4
+    solution = solve(choice.scene, mesh=choice.mesh)
+    verdict = judge(choice, solution)
+    assert not verdict.reached and "is not promised" in verdict.not_kept("a.vtkhdf") and verdict.lines()[0].endswith("NOT kept")
+
+
+def test_points_of_comparison_lie_in_all_meshes_of_a_box_and_weigh_one():
+    first = families(asked())[0]
+    points, weights = points_of(first)
+    assert weights.sum() == pytest.approx(1) and points.min() > 0 and np.all(points.max(axis=0) < [0.06, 0.02, 0.02])
+    assert points.mean(axis=0) == pytest.approx([0.03, 0.01, 0.01])
+
+
+@pytest.mark.parametrize("changes, words", [
+    ({"body": SIDES | {"cells": [3, 1, 1]}}, "body.cells: steps.error decides cells, cell_size, layers, order, element, cell; leave cells"),
+    ({"body": SIDES | {"order": 2, "cell": "hexahedron"}}, "leave order and cell out"),
+    ({"steps": {"error": 0.0}}, "steps.error = 0.0"),
+    ({"steps": {"error": 1.0}}, "steps.error = 1.0"),
+    ({"steps": {"quantity": "strain"}}, "steps.quantity = 'strain': must be one of displacement, reaction, stress"),
+    ({"steps": {"dynamic": True, "duration": 1.0}}, "is for equilibria"),
+])
+def test_what_cannot_be_asked_for_is_refused_in_one_line(changes, words):
+    with pytest.raises(InputError, match="steps|body") as refused:
+        asked(**changes)
+    assert words in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_a_quantity_without_an_error_and_a_mesh_that_only_simulate_chooses_are_refused():
+    with pytest.raises(InputError, match="steps.quantity: needs error"):
+        beam(steps={"count": 1, "quantity": "stress"})
+    with pytest.raises(InputError, match="steps.error, which chooses them, is for simulate alone"):
+        build_mesh(asked().body)
+
+
+def test_a_scene_that_asks_is_written_and_read_back_and_one_that_does_not_says_nothing_of_it():
+    scene = asked(steps={"quantity": "reaction"})
+    assert Scene.from_toml(scene.to_toml()) == scene
+    text = beam().to_toml()
+    assert "error" not in text and "quantity" not in text
+    plane = read_scene({"body": {"shape": "plate", "length": 1.0, "width": 1.0, "cell": "triangle"}, "steps": {"error": 0.1},
+                        "material": {"young_modulus": 1e6, "poisson_ratio": 0.3}})
+    assert Scene.from_toml(plane.to_toml()) == plane and families(plane)[0].axes == ("x", "y")
