@@ -86,12 +86,12 @@ def test_a_batch_that_does_not_fit_is_refused_with_one_that_does(fits, said, fil
 
 
 def test_what_a_batch_too_large_has_made_is_let_go_before_a_smaller_one_is_tried(file, tmp_path, monkeypatch):
-    made_before, still_there = [], []
+    made, still_there = [], []
 
     def step(learner, optimizer, normaliser, config, batch, group):
-        still_there.extend(made() is not None for made in made_before)
+        still_there.extend(each() is not None for each in made)
         filling = torch.zeros(3)
-        made_before.append(weakref.ref(filling))
+        made.append(weakref.ref(filling))
         raise torch.OutOfMemoryError("out of memory")
 
     monkeypatch.setattr(module, "take_step", step)

@@ -74,7 +74,8 @@ def test_a_step_follows_the_clipped_gradient_of_the_mean_square_in_units_of_the_
     optimizer = torch.optim.SGD(network.parameters(), lr=1.0)  # the step is the gradient itself
     for weight in network.parameters():
         weight.grad = torch.full_like(weight, 7.0)  # of a step before: forgotten
-    told = take_step(network, optimizer, normaliser, config, batch, SimpleNamespace(rank=rank, count=count, total=lambda value: 100 * value))
+    processes = SimpleNamespace(rank=rank, count=count, total=lambda value: 100 * value)
+    told = take_step(network, optimizer, normaliser, config, batch, processes)
     assert told == pytest.approx(100 * float(loss.detach()), rel=1e-5)
     for old, new, value in zip(before, network.parameters(), slope, strict=True):
         # float32 sums in another order
