@@ -151,6 +151,14 @@ def test_bricks_are_kept_whole_or_refused():
     assert to_fields(prism)["cells"].shape == (1, 3, 4) and to_fields(prism, cells="own")["cells"].shape == (1, 1, 6)
 
 
+def test_a_tetrahedron_of_ten_nodes_becomes_eight_of_four():
+    ten = tiny(points=np.eye(10, 3), types=np.array([24], np.uint8), offsets=np.array([0, 10]), connectivity=np.arange(10),
+               node_kind=np.zeros(10, np.uint8), displacement=np.zeros((3, 10, 3), np.float32), modes=np.zeros((0, 10, 3), np.float32))
+    assert to_fields(ten)["cells"].tolist() == [[[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3],
+                                                 [4, 5, 6, 9], [4, 6, 7, 9], [4, 7, 8, 9], [4, 8, 5, 9]]]
+    assert to_fields(ten, cells="own")["cells"].shape == (1, 1, 10)
+
+
 # ---- files
 
 

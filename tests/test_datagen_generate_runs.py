@@ -127,6 +127,17 @@ def test_failed_attempts_are_recorded_one_by_one_and_found_again(solver, tmp_pat
     assert run(tmp_path, workers=1)["failed_attempts"] == 5 and not solver.made
 
 
+def test_a_scene_in_which_a_cell_turns_inside_out_is_drawn_again(solver, tmp_path):
+    """As the check of a set asks for det F > 0: one of exactly 0 does not pass, nor one that is no number."""
+    solver.faults = {(0, k): {"per_frame": tiny().per_frame | {"snap": np.zeros(3), "smallest_det_f": np.array([1.0, *of])}}
+                     for k, of in enumerate([(-0.1, 0.5), (0.5, 0.0), (0.5, 1e-9)])}
+    solver.faults[(1, 0)] = {"per_frame": tiny().per_frame | {"snap": np.zeros(3), "smallest_det_f": np.array([1.0, 1.0, np.nan])}}
+    run(tmp_path, workers=1)
+    first, second = dataset.read_manifest(tmp_path).trajectories[:2]
+    assert first.failed_attempts == ("a cell turns inside out at step 1", "a cell turns inside out at step 2")
+    assert second.failed_attempts == ("smallest_det_f is not finite everywhere",)
+
+
 def test_after_five_attempts_the_rest_is_kept_and_another_run_goes_on(solver, tmp_path):
     solver.faults = {1: RuntimeError("no way"), 2_000_000: RuntimeError("nowhere\nat all")}
     with pytest.raises(RuntimeError) as error:

@@ -8,7 +8,6 @@ import torch
 
 from learning.bodies.model import Bodies, Scales
 from learning.bodies.path import predict
-from learning.bodies.samples import Fitted, Sample, Table, sample_of, table_of
 from learning.config import BodiesConfig
 from learning.slender.model import MARGIN
 from physics.mesh.build import build_mesh
@@ -54,32 +53,6 @@ def test_a_half_space_in_a_mirror_turns_its_normal():
 def test_a_touch_at_the_very_start_is_at_zero():
     body = seen(obstacle={"shape": "sphere", "radius": 0.02, "path": [[0.06, 0.04, 0.029], [0.06, 0.04, 0.027]]})
     assert body.first_touch == 0.0
-
-
-def sample(motion, poses, start):
-    numbers = torch.arange(start, start + poses, dtype=torch.float32)
-    return Sample(torch.stack([numbers, -numbers], dim=1), numbers, start * torch.eye(2), torch.stack([numbers, 2 * numbers], dim=1),
-                  torch.zeros(poses), motion)
-
-
-def test_in_a_table_each_trajectory_counts_by_its_motion_and_the_weights_are_one_in_the_mean():
-    """Motions of 1 and 3, two poses and one: 1, 1, 1/3, over their mean 7/9."""
-    table: Table = table_of([sample(1.0, 2, 4), sample(3.0, 1, 6)])
-    assert table.owner.tolist() == [0, 0, 1]
-    assert table.weight.tolist() == pytest.approx([9 / 7, 9 / 7, 3 / 7])
-    assert table.depth.tolist() == [4, 5, 6] and table.feature.tolist() == [[4, -4], [5, -5], [6, -6]]
-    assert table.best.tolist() == [[4, 8], [5, 10], [6, 12]]
-    assert table.gram.tolist() == [[[4, 0], [0, 4]], [[6, 0], [0, 6]]]
-
-
-def test_amounts_that_fit_best_and_what_they_leave_from_products_alone():
-    """One function, one node: u = (3, 4, 0), the shape (2, 0, 0): amount 1.5, and 4 of 5 is left."""
-    u = np.array([[[3.0, 4.0, 0.0]]])
-    one = Fitted(np.zeros((1, 1)), np.ones(1), u, np.ones((1, 1)), u, np.array([25.0]))
-    found = sample_of(one, np.array([[[2.0, 0.0, 0.0]]]))
-    assert found.best.tolist() == [pytest.approx([1.5], rel=1e-6)] and found.left.tolist() == pytest.approx([16.0])
-    assert found.gram.tolist() == [[4.0]] and found.motion == 5.0
-    assert found.error(torch.tensor([[0.0]])).tolist() == pytest.approx([5.0])
 
 
 class Said(torch.nn.Module):

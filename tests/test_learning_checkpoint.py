@@ -9,8 +9,9 @@ from safetensors.torch import save_file
 
 from learning.config import TrainConfig
 from learning.networks.m4gn import M4GN, M4GNConfig
+from learning.networks.stored import put_into
 from learning.prediction import checkpoint as module
-from learning.prediction.checkpoint import Checkpoint, load_model, load_weights, read_checkpoint, write_checkpoint
+from learning.prediction.checkpoint import Checkpoint, load_model, read_checkpoint, write_checkpoint
 from learning.samples.samples import Normaliser
 from physics.schema import InputError, to_table
 
@@ -86,7 +87,7 @@ def test_what_is_no_checkpoint_of_this_program_is_refused(tmp_path):
 
 def test_weights_of_another_network_are_refused_by_name(tmp_path):
     with pytest.raises(InputError) as caught:
-        load_weights(M4GN(M4GNConfig(hidden=4, message_steps=2, transformer_layers=1, heads=2)), state(), "here")
+        put_into(M4GN(M4GNConfig(hidden=4, message_steps=2, transformer_layers=1, heads=2)), state().weights, "here")
     assert str(caught.value).startswith("here: its weights do not fit its config: Missing key(s)") and "\n" not in str(caught.value)
     write_checkpoint(tmp_path / "model.safetensors", state())
     asked = state()

@@ -5,8 +5,10 @@ from dataclasses import replace
 import pytest
 
 from learning.config import TrainConfig, load_config
+from learning.keys import at_once_table, config_table
 from learning.networks.m4gn import M4GNConfig
 from physics.schema import InputError, read_table, to_table
+from tests.pages import ROOT
 
 
 def test_the_defaults_are_those_of_the_paper():
@@ -19,6 +21,11 @@ def test_the_defaults_are_those_of_the_paper():
         clip_norm=1.0, validate_every=10_000, seed=0,
             outputs={"fields": []}, inputs={"material": False}) | {key: value for key, value in config.items() if value is None}
     assert TrainConfig().frames is None and TrainConfig().budget_seconds is None
+
+
+def test_every_key_has_the_default_and_the_limits_that_the_docs_tell():
+    page = (ROOT / "docs" / "network.md").read_text()
+    assert config_table() in page and at_once_table() in page
 
 
 @pytest.mark.parametrize("key, low, high", [

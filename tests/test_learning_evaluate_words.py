@@ -321,6 +321,10 @@ def test_evaluate_measures_the_network_and_its_rivals_in_order(monkeypatch, tmp_
         zip(names, ("learned", "hybrid", *["trivial"] * 3, "fe", "fe", "reference"), strict=True)
     )
     assert (given["cases"], given["out"], given["runs"], given["refined"]) == ([one], tmp_path, {"run": model}, 4)
+    one.known = None
+    assert module.evaluate("run", ["f"], tmp_path, refined=4) == {"a": 1}
+    assert [each.name for each in given["p"]] == ["M4GN", *names[2:5]] and given["refined"] == 0 and given["title"].endswith("its data")
+    one.known = "scene"
     model.config.estimate = True
     module.evaluate("run", ["f"], tmp_path)
     assert [each.name for each in given["p"]] == ["M4GN", "M4GN, its estimate alone", "M4GN, corrected 10-fold", *names[2:]]

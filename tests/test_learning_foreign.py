@@ -1,6 +1,7 @@
 """Predictors that users bring along: what is read, called, timed and refused; and a model of one's own as a point on the picture."""
 
 import dataclasses
+import os
 import sys
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from datagen.files.inputs import inputs_of, predicted
 from datagen.files.trajectory import write_trajectory
 from datagen.sets.generate import trajectory_of
-from learning.prediction.foreign import from_folder, from_function
+from learning.prediction.foreign import brought, from_folder, from_function
 from learning.prediction.predictor import Case, LeftOut
 from learning.report.compare import chosen, compare, predictors
 from physics.schema import InputError
@@ -43,6 +44,20 @@ def test_a_folder_has_a_file_for_each_case_and_its_time_is_what_is_given_or_what
     assert "as its files tell" in said and made.predict(case).seconds == 1.25
 
 
+def test_the_largest_time_is_a_million_seconds_a_step_and_the_last_part_of_a_path_is_its_name(tmp_path):
+    assert brought([str(tmp_path), "", "9.99e8"]) == (tmp_path.name, tmp_path, pytest.approx(9.99e5))
+    (tmp_path / "x").mkdir()
+    assert brought([str(tmp_path / "x" / ".."), "mine", "0.001"])[::2] == ("mine", pytest.approx(1e-6))
+    assert brought([str(tmp_path / "x" / "..")]) == (tmp_path.name, tmp_path / "x" / "..", None)
+
+
+def test_a_prediction_is_found_by_the_name_of_its_truths_file(case, tmp_path):
+    write_trajectory(tmp_path / "b.vtkhdf", predicted(case.trajectory, case.truth, seconds_per_step=2))
+    other = dataclasses.replace(case, name="x", file=tmp_path / "elsewhere" / "b.vtkhdf")
+    made, said = from_folder([str(tmp_path)], [other])
+    assert "as its files tell" in said and made.predict(other).seconds == 10.0
+
+
 def _made(folder):
     folder.mkdir()
     return folder
@@ -55,7 +70,7 @@ def test_what_is_no_prediction_of_a_case_is_refused_before_any_work(case, tmp_pa
 
     refused("no such folder", [str(tmp_path / "none")])
     refused("holds no file of the name a.vtkhdf", [str(tmp_path)])
-    for ms in ("fast", "0", "-1", "nan", "inf"):
+    for ms in ("fast", "0", "-1", "nan", "inf", "1e9"):
         refused(f"'{ms}' is not a number of milliseconds above 0", [str(tmp_path), "mine", ms])
     refused("takes a folder, a name and a time", [str(tmp_path), "a", "1", "b"])
     write_trajectory(tmp_path / "a.vtkhdf", wrong(case, 1000.0))
@@ -102,11 +117,13 @@ def test_a_function_is_called_with_the_inputs_and_timed(case, module):
     assert (made.name, made.kind) == ("mine", "foreign") and "brought:halves" in said
     found = made.predict(case)
     assert np.array_equal(found.path, np.where(case.free[:, None], 0.5, inputs_of(case.trajectory).held)) and 0 <= found.seconds < 1
+    assert sys.path[0] == os.getcwd() and sys.path.count(os.getcwd()) == 1
     assert from_function(["brought:halves"])[0].name == "halves" and from_function(len)[0].name == "len"
 
 
 @pytest.mark.parametrize("given, words", [
-    (["brought"], "must be module:function"), (["brought:"], "must be module:function"), (["brought:none"], "has no none"),
+    (["brought"], "must be module:function"), (["brought:"], "must be module:function"), ([":f"], "must be module:function"),
+    (["brought:none"], "has no none"),
     (["nowhere:f"], "ModuleNotFoundError: No module named 'nowhere'"), (["brought:number"], "is not a function"),
     (["broken:f"], r"ZeroDivisionError: division by zero \(broken.py, line 1\)"), (["a:b", "c", "d"], "takes module:function and a name")])
 def test_a_function_that_is_not_there_is_refused(module, given, words):

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigh
 
 from datagen.files.trajectory import AIRFOIL, HANDLE, INFLOW, OUTFLOW, WALL, at_rest
-from learning.segments.harmonics import harmonics, laplacian
+from learning.segments.harmonics import _laid_flat, harmonics, laplacian
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.modes.laplacian import laplacian_modes
@@ -157,3 +157,29 @@ def test_how_many_modes_there_are():
     square = block("quadrilateral", (4, 4))
     assert len(harmonics(square)[0]) == 2  # one across and one along, of the same eigenvalue
     assert len(harmonics(square, count=3)[0]) == 3 and len(harmonics(square, cluster=1e9)[0]) == 1 + 6
+
+
+def test_a_warped_quadrilateral_is_laid_along_both_of_its_diagonals():
+    """The unit square, its corners a tenth above and below in turn: seen along the normal of both diagonals it is the unit square."""
+    corners = np.array([[0, 0, 0.1], [1, 0, -0.1], [1, 1, 0.1], [0, 1, -0.1]])
+    turn = np.array([[2, -1, 2], [2, 2, -1], [-1, 2, 2]]) / 3
+    flat = _laid_flat((corners @ turn.T + [5, 6, 7])[None])[0]
+    assert np.linalg.norm(flat[:, None] - flat, axis=2) == pytest.approx(np.linalg.norm(corners[:, None, :2] - corners[:, :2], axis=2))
+    assert not flat[:, 2].any() and flat.mean(axis=0) == pytest.approx(0, abs=1e-15)
+
+
+def test_a_cell_without_area_is_named():
+    flat = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 1, 1], [2, 2, 2]]])
+    with pytest.raises(InputError, match="cell 1 of the mesh has no area"):
+        _laid_flat(flat)
+    thin = flat.copy()
+    thin[1, 2] += [1e-11, -1e-11, 0]
+    assert _laid_flat(thin).shape == (2, 3, 3)
+
+
+@pytest.mark.parametrize("unit", [2.0**-20, 2.0**20])
+def test_the_unit_of_length_makes_no_difference(unit):
+    plain = block("tetrahedron", (3, 2, 1))
+    values, _ = harmonics(plain, count=3)
+    other, _ = harmonics(replace(plain, points=unit * plain.points), count=3)
+    assert unit**2 * other == pytest.approx(values, rel=1e-9)

@@ -5,11 +5,10 @@ import tomllib
 
 import fidelity
 from learning.config import KINDS, TrainConfig
-from learning.keys import at_once, at_once_table, config_table, help_text, network_table, others
+from learning.keys import at_once, help_text, network_table, others
 from learning.networks.kinds import CONFIGS
 from physics.keys import keys
 from physics.schema import read_table, to_table
-from tests.pages import ROOT
 
 
 def test_every_key_of_a_training_is_explained_and_its_default_is_what_a_config_without_it_has():
@@ -21,11 +20,6 @@ def test_every_key_of_a_training_is_explained_and_its_default_is_what_a_config_w
     config = to_table(TrainConfig())
     tables = [config[name] for name in ("network", "inputs", "outputs")]
     assert len(every) == len(config) - 3 + sum(map(len, tables)) + 2  # two are none by default
-
-
-def test_the_table_of_the_docs_is_the_one_that_is_made():
-    page = (ROOT / "docs" / "network.md").read_text()
-    assert config_table() in page and network_table() in page and at_once_table() in page
 
 
 def test_every_key_of_every_kind_of_network_is_explained_and_in_the_table():

@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -284,3 +285,36 @@ def test_an_error_bar_is_held_against_the_errors_of_the_frames_that_have_one():
     assert never["unsure"] == 0.5 and np.isnan([never["error_bar"], never["covered"]]).all()
     silent = _doubt(Prediction(path=path, seconds=0.0), one)
     assert list(silent) == ["error_bar", "covered", "unsure"] and np.isnan(list(silent.values())).all()
+
+
+@pytest.mark.parametrize("kind, wall", [("fe", 3.0), ("foreign", math.nan)])
+def test_the_time_by_the_clock_is_the_processors_at_the_ratio_of_both_clocks(monkeypatch, kind, wall):
+    """A whole call of 4 s of the processor and 10 s of the clock, of which 1 s of steps and 0.2 s of set-up count: 3 s. What a stranger
+    tells of its own time is no time of this clock."""
+    clocks = [iter([50.0, 54.0]), iter([70.0, 80.0])]
+    monkeypatch.setattr(module, "time", SimpleNamespace(process_time=lambda: next(clocks[0]), perf_counter=lambda: next(clocks[1])))
+    found = module._timed(made("a", kind, seconds=1.0, set_up=0.2), cases()[0])
+    assert found.wall == pytest.approx(wall, nan_ok=True)
+
+
+def test_a_call_too_short_for_the_processors_clock_has_no_time_by_the_other(monkeypatch):
+    monkeypatch.setattr(module, "time", SimpleNamespace(process_time=lambda: 1.0, perf_counter=time.perf_counter))
+    assert math.isnan(module._timed(made("a"), cases()[0]).wall)
+
+
+def test_an_error_is_told_as_a_share_of_the_motion_and_times_as_milliseconds_a_step(monkeypatch):
+    case = cases()[0]
+    scores = run(made("a", factors=(2, 2, 2, 2), seconds=1.0, set_up=0.5)).rows[0].scores
+    motion = math.sqrt((case.truth[1:, case.free].astype(float) ** 2).sum(axis=2).mean())
+    assert scores["of_motion"] == pytest.approx(1e-4 / motion, rel=1e-5)
+    assert (scores["ms_per_step"], scores["ms_per_step_alone"]) == pytest.approx((375, 250))
+    monkeypatch.setattr(module, "_timed", lambda predictor, case: Prediction(path=case.truth, seconds=0.1, wall=6.0))
+    assert run(made("a")).rows[0].scores["wall_ms_per_step"] == pytest.approx(1500)
+    still = replace(case, trajectory=replace(case.trajectory, displacement=0 * case.trajectory.displacement))
+    assert math.isnan(run(made("a"), of=[still]).rows[0].scores["of_motion"])
+
+
+def test_medians_are_taken_of_each_clock(monkeypatch):
+    walls = iter([0.5, 0.1, 0.2])
+    monkeypatch.setattr(module, "_timed", lambda predictor, case: Prediction(path=case.truth, seconds=0.1, wall=next(walls)))
+    assert module._repeated(made("a"), cases()[0], 3).wall == 0.2

@@ -8,7 +8,9 @@ import pytest
 import torch
 
 from learning.networks.kinds import build
+from learning.networks.rivals import transolver
 from learning.networks.rivals.eagle import EagleConfig, waves
+from learning.networks.rivals.g_u_net import GUNetConfig
 from learning.networks.rivals.transolver import TransolverConfig
 from learning.segments.clusters import clusters_of, ranks, same_size
 from tests.literal import affine, case_of, messages, mlp, normed, two
@@ -164,3 +166,30 @@ def test_body_and_obstacle_have_clusters_of_their_own():
 def test_one_cluster_holds_all_and_one_point_is_one():
     assert same_size(np.random.default_rng(0).normal(size=(5, 3)), 5).tolist() == [0] * 5
     assert same_size(np.zeros((1, 3)), 20).tolist() == [0]
+
+
+@torch.no_grad()
+def test_a_slice_that_hardly_any_node_is_of_has_a_small_token(monkeypatch):
+    """Its share of all nodes is about a hundred-thousandth, and as much is added to it: half of what it would be."""
+    network, case = made(SMALL["transolver"]), case_of(SMALL["transolver"])
+    block = network.process[0]
+    block.share.weight.zero_()
+    block.temperature.fill_(1.0)
+    block.share.bias.copy_(torch.tensor([-13.2, 0, 0, 0, 0]))
+    tokens = []
+    monkeypatch.setattr(transolver, "scaled_dot_product_attention", lambda query, key, value: tokens.append(value) or value)
+    h = torch.randn(1, len(case.node), 8)
+    block(h, torch.ones(1, len(case.node), dtype=torch.bool))
+    share, told = math.exp(-13.2) / (4 + math.exp(-13.2)) * len(case.node), block.to_token(block.norm_attention(h))[0].mean(0)
+    assert 2e-6 < share < 2e-5
+    assert torch.allclose(tokens[0][0, 0, 0], block.value(told[:4] * share / (share + 1e-5)), rtol=1e-3)
+
+
+def test_what_is_drawn_beside_the_weights_is_small_and_biases_are_zero():
+    fresh = build(TransolverConfig(hidden=64, layers=1))
+    shift = fresh.shift.detach()
+    assert shift.min() >= 0 and shift.max() <= 1 / 64 and shift.std() == pytest.approx(1 / 64 / 12**0.5, rel=0.3)
+    assert not any(bias.any() for name, bias in fresh.named_parameters() if name.endswith("bias") and "norm" not in name)
+    assert fresh.encode[0].out_features == fresh.encode[2].in_features == 128
+    scores = torch.stack(list(build(GUNetConfig(hidden=64)).score)).detach()
+    assert scores.abs().max() <= 1 / 8 and scores.mean().abs() < 0.03 and scores.std() == pytest.approx(1 / 8 / 3**0.5, rel=0.15)

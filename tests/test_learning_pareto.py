@@ -285,6 +285,8 @@ def test_from_four_trajectories_on_a_cross_has_medians_and_quartiles():
     assert found[(2.0, 4.0)] == pytest.approx([4e-3, 4e-3]) and found[(3.0, 3.0)] == pytest.approx([2e-3, 8e-3])
     few = replace(spread("a", "learned"), each=spread("a", "learned").each[:3])
     assert (3.0, 3.0) not in lines(drawn([few]), 2)
+    four = replace(few, each=spread("a", "learned").each[:4])  # 2, 5, 1 and 4 ms: quartiles 1.75 and 4.25, median 3
+    assert (1.75, 4.25) in lines(drawn([four]), 2)
 
 
 def test_what_is_learned_has_a_front_of_its_own_where_something_else_beats_it():

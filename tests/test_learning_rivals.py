@@ -186,3 +186,21 @@ def test_a_path_of_linear_elements_is_proportional_to_the_load():
     # Euler-Bernoulli: F L^3 / (3 E I), F = 50 Pa 4 cm2, I = h^4 / 12; shear and four coarse cells change it by less than a third
     assert path[2][mesh.places["x-max"], 2].mean() == pytest.approx(-0.02 * 0.06**3 / (3 * 1e6 * 0.02**4 / 12), rel=0.35)
     assert set_up > 0 and seconds > 0 and iterations == 0  # solved at once
+
+
+def test_nothing_moves_keeps_the_first_frame_of_further_fields_and_others_tell_none():
+    trajectory = replace(bending(cells=(4, 2, 2), steps=3), fields={"stress": np.arange(4 * 93.0).reshape(4, 93, 1).astype(np.float32)})
+    found = [each.predict(Case("a", trajectory, None, None)).fields for each in trivial()]
+    assert list(found[0]) == ["stress"] and np.array_equal(found[0]["stress"], trajectory.fields["stress"][:1]) and found[1:] == [{}, {}]
+
+
+@pytest.mark.parametrize("shape", ["file", "channel", "panel"])
+def test_a_mesh_that_is_not_made_of_its_scene_is_not_made_coarser_but_followed_on_itself(shape, case, monkeypatch):
+    road = Road(monkeypatch)
+    of_file = replace(case, known=replace(case.scene, body=replace(case.scene.body, shape=shape)))
+    assert coarser(of_file.scene) is None
+    with pytest.raises(LeftOut, match="the mesh is that of a file" if shape == "file" else "no cells left to halve"):
+        elements("x", halvings=1).predict(of_file)
+    given = []
+    monkeypatch.setattr(module, "follow", lambda scene, tolerance, mesh: given.append(mesh) or (case.mesh, case.truth, 1.0, 2.0, 3))
+    assert elements("x").predict(of_file).set_up == 1.0 and given == [case.mesh if shape == "file" else None] and not road.asked

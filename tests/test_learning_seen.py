@@ -8,12 +8,16 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from datagen.files.trajectory import INFLOW, NORMAL, WALL
 from learning.samples import seen as module
 from learning.samples.seen import FILE, Seen, description, outside, read_seen, seen, write_seen
+from physics.scene import Where
 from physics.schema import InputError
+from tests.flows import channel_flow
 from tests.graph_by_hand import REST, one_cell, tiny
 from tests.scenes import beam, pressed
 from tests.synthetic import bending
+from tests.test_learning_layout import channel
 
 # the obstacle's middle from frame to frame: 5 m, 12 m, 3 m and 4 m
 PATH = np.array([[0, 0, 0], [3, 0, 4], [3, -12, 4], [3, -12, 1], [-1, -12, 1]], np.float32)
@@ -65,6 +69,33 @@ def test_a_body_alone_is_told_by_its_mesh_and_a_scene_by_its_words():
         "supports": "x-max (y), x-min (xz)", "loads": "acceleration, y-min", "obstacle": "cylinder"}
     told = description(replace(one_cell(), scene=beam().to_toml()))
     assert (told["supports"], told["loads"], told["obstacle"]) == ("x-min (xyz)", "none", "none")
+
+
+def test_a_flow_is_told_by_its_fastest_inflow_and_its_reynolds_number():
+    """At the inflow (3, 4) m/s in the third frame; a node inside is faster."""
+    flow = channel(frames=4)
+    flow.fields["velocity"][:, flow.node_kind == INFLOW] = [0.5, 0.5, 0]
+    flow.fields["velocity"][2, flow.node_kind == INFLOW] = [3, -4, 0]
+    flow.fields["velocity"][1, flow.node_kind == NORMAL] = [30, 40, 0]
+    told = description(flow)
+    assert told["fastest inflow [m/s]"] == 5 and "Reynolds number" not in told and len(told) == 8
+    scene = channel_flow()
+    told = description(replace(flow, scene=scene.to_toml()))
+    assert told["Reynolds number"] == scene.reynolds_number == pytest.approx(20) and len(told) == 9
+    closed = replace(flow, node_kind=np.where(flow.node_kind == INFLOW, WALL, flow.node_kind).astype(np.uint8))
+    assert description(closed)["fastest inflow [m/s]"] == 0
+
+
+def test_of_several_obstacles_none_has_a_path_and_of_several_materials_the_stiffest_and_the_least_compressible_count():
+    scene = pressed()
+    assert "way of the obstacle [m]" in description(on_paper(scene=scene.to_toml()))
+    other = replace(scene.obstacle, path=tuple((x, y, -z) for x, y, z in scene.obstacle.path))
+    several = replace(scene, obstacle=(scene.obstacle, other))
+    several = replace(several, material=(
+        replace(scene.material, young_modulus=3e6, poisson_ratio=0.2, where=Where(box=((0, 0, 0), (1, 1, 1)))), scene.material))
+    told = description(on_paper(scene=several.to_toml()))
+    assert "way of the obstacle [m]" not in told and told["obstacle"] == several.pressed_by
+    assert (told["Young's modulus [Pa]"], told["Poisson's ratio"], told["material law"]) == (3e6, 0.4, "neo-hookean and neo-hookean")
 
 
 def test_ranges_are_of_those_that_have_a_quantity(monkeypatch):

@@ -150,3 +150,76 @@ def test_a_pose_is_at_a_jump_where_it_has_jumped_and_where_it_may_have():
     jumped = held(bent.pull + 2 * bent.groove, bent.hold, bent.width / 0.003, 0.3)[3]
     assert torch.equal(bent.jumps, jumped | (bent.torn > TORN))
     assert jumped.any() and (bent.jumps & ~jumped).any() and not bent.jumps.all()
+
+
+@pytest.mark.parametrize("start, end, touched", [(0.25, -0.25, 0.5), (0.0, 0.5, 0.0), (0.0, 0.0, 0.0), (0.0, -0.5, 0.0), (0.5, 0.0, 1.0),
+                                                 (0.5, 0.5, 1.0), (-0.5, -0.5, 0.0), (-0.5, 0.5, 0.0)])
+def test_an_obstacle_that_touches_at_the_start_touches_there_even_if_it_stays_or_leaves(start, end, touched):
+    """Heights of the centre above that at which it touches, in numbers without rounding."""
+    places = one([[0.0, 0.0, 0.75 + start], [0.0, 0.0, 0.75 + end]])
+    assert first_touch(*places, 0.5, 0.5).item() == touched
+
+
+def test_an_obstacle_of_which_no_more_is_told_lies_straight_over_a_row_of_nodes_in_rows_of_one():
+    assert Obstacle(0.01, True) == Obstacle(0.01, True, turn=0.0, first=0.0, row=1.0, nodes=0.0)
+
+
+STUBBY = (Bar(0.2, 0.03, 0.02, 0.3, False), Bar(0.02, 0.03, 0.02, 0.3, True))
+
+
+@pytest.mark.parametrize("bar", STUBBY, ids=["clamped", "at both ends"])
+@pytest.mark.parametrize("along", [-0.01, 0.0, 0.0003, 0.004, 0.01, 0.0199, 0.03])
+def test_near_a_held_end_it_touches_a_thousandth_of_the_length_from_it_and_sinks_in_by_half_at_most(bar, along):
+    """Where the beam gives least the obstacle enters it instead."""
+    obstacle = Obstacle(0.01, False)
+    bent = press(X, one([[along, 0.0, 0.0195]]), obstacle, bar)
+    told = [each.item() for each in (bent.touch, bent.push, bent.slope, bent.force, bent.indentation)]
+    assert told == pytest.approx(plain(bar, obstacle, (along, 0.0, 0.0195)), rel=1e-9, abs=1e-15)
+    low, high = 0.001 * bar.length, (0.999 if bar.held_at_both else 1.0) * bar.length
+    assert low <= told[0] <= high and told[4] <= 0.00025 * (1 + 1e-12)
+    if along < low:
+        assert told[0] == pytest.approx(low) and told[4] == pytest.approx(0.00025)
+
+
+def test_a_beam_on_its_edge_that_would_roll_over_turns_as_if_a_tenth_of_its_stiffness_were_left():
+    """30 mm high and 6 mm wide, pressed by 8 mm: it bends sideways farther than the lever is long, and 1 + T F (H - B F) is negative."""
+    bar, b = Bar(0.2, 0.006, 0.03, 0.3, False), 0.003
+    for depth, left in ((0.008, 0.1), (0.0005, None)):
+        bent = press(X, one([[0.15, 0.0005, 0.025 - depth]]), Obstacle(0.01, True, first=0.1, row=b), bar)
+        a, force = bent.touch, bent.force.item()
+        sideways, twist = Bar(0.2, 0.03, 0.006, 0.3, False).bend(a, a)[0].item() * 25, bar.twist(a, a).item()
+        lever = 0.025 - sideways * force
+        whole = 1 + twist * force * lever
+        assert whole < 0.1 if left else whole > 0.2
+        turn, most = twist * force / (left or whole), b / 0.02
+        wanted = [(0.0005 * (1 - lever * turn)) / b - 2 * bent.groove.item(), (sideways * force + lever**2 * turn) * most / b]
+        assert [bent.pull.item(), bent.hold.item()] == pytest.approx(wanted, rel=1e-9)
+
+
+def test_a_beam_that_is_just_too_soft_to_follow_jumps():
+    """At hold = 1/2 the law's falling side has the slope of the beam: nothing holds it between two grooves."""
+    for hold, jumps in ((0.499, False), (0.5, True)):
+        lean, lies, moved, jumped = (each.item() for each in held(one([2.2]), one([hold]), one([0.95]), 0.5))
+        assert moved == 1 and bool(jumped) == jumps
+        assert lies == pytest.approx(0.2 / (1 + 2.4 * hold)) and lean == pytest.approx(2.4 * lies)  # in the next groove, two rows on
+        lean, lies, moved, _ = (each.item() for each in held(one([0.9]), one([hold]), one([0.95]), 0.5))
+        assert moved == 0 and lies == pytest.approx(min(0.9 / (1 + 2.4 * hold), 1))
+
+
+@pytest.mark.parametrize("first, side", [(0.3, 1), (0.0, 1), (-0.3, -1)])
+def test_over_its_row_of_nodes_a_narrow_touch_lies_on_the_side_where_it_began(first, side):
+    """Width 0.5: k = 9, g = 0.435. Pulled nowhere it lies where 9 (z - 0.435) = -z / hold; a wide touch lies on the row."""
+    lean, lies, moved, jumped = (each.item() for each in held(one([0.0]), one([0.8]), one([0.5]), first))
+    z = 0.8 * 9 * 0.435 / (1 + 0.8 * 9)
+    assert (lies, lean) == pytest.approx((side * z, -side * z / 0.8)) and moved == 0 and not jumped
+    lean, lies, moved, jumped = (each.item() for each in held(one([0.0]), one([0.8]), one([1.2]), first))
+    assert lies == lean == moved == 0 and not jumped
+
+
+def test_the_table_of_grooves_is_met_at_each_of_its_widths():
+    widths = [0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95, 1.4, 1.65, 2.2]
+    steep, start = groove_law(one(widths))
+    assert steep.tolist() == pytest.approx([15, 10, 8, 6, 3, 2.8, 2.4, 2.6, 1.75, 1])
+    assert start.tolist() == pytest.approx([0.48, 0.45, 0.42, 0.4, 0.24, 0.18, 0, 0, 0, 0])
+    between, _ = groove_law(one([1.925]))
+    assert between.item() == pytest.approx(1.375)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from learning.config import TrainConfig
+from learning.networks.rivals.mgn import MGNConfig
 from learning.prediction import surrogates as module
 from learning.prediction.predictor import Case, LeftOut
 from learning.prediction.surrogates import corrected, corrected_rollout, estimated, learned
@@ -161,3 +162,33 @@ def test_what_the_reduced_model_does_not_know_is_left_out(case, monkeypatch):
     monkeypatch.setattr(module, "estimator_of", refused)
     with pytest.raises(LeftOut, match="clamped bodies alone"):
         estimated("r").predict(case)
+
+
+def test_a_predictor_of_all_frames_at_once_has_no_set_up_and_tells_how_sure_it_is(world, case, monkeypatch):
+    class AtOnce:
+        pass
+
+    path = SimpleNamespace(displacement=world.path[:, case.trajectory.body], bar=np.arange(5.0), unsure=np.arange(5) > 3)
+    given = []
+    monkeypatch.setattr(module, "AtOnce", AtOnce)
+    monkeypatch.setattr(module, "predict_path", lambda *them: given.append(them) or setattr(world, "now", world.now + 2) or path)
+    model = AtOnce()
+    found = learned(model, "sections").predict(case)
+    assert given == [(model, "scene", "mesh")] and (found.seconds, found.set_up, world.modes) == (2.0, 0.0, [])
+    np.testing.assert_array_equal(found.path, path.displacement)
+    np.testing.assert_array_equal(found.one_step, world.path[1:, case.trajectory.body] + 1)
+    assert found.bar is path.bar and found.unsure is path.unsure
+    other = learned(model, "sections", single_steps=False)
+    assert (other.name, other.kind) == ("sections", "learned") and other.predict(case).one_step is None
+    assert corrected(model, 1).predict(case).set_up == pytest.approx(50) and not world.modes  # no mode is paid for
+
+    def refuse(*them):
+        raise InputError("no beam")
+    monkeypatch.setattr(module, "predict_path", refuse)
+    with pytest.raises(LeftOut, match="no beam"):
+        learned(model).predict(case)
+
+
+def test_without_a_scene_or_segments_no_mode_is_paid_for(world, case):
+    assert learned(MODEL).predict(replace(case, known=None)).set_up == 20.0
+    assert learned(SimpleNamespace(config=TrainConfig(network=MGNConfig()))).predict(case).set_up == 20.0 and not world.modes

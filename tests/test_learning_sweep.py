@@ -1,7 +1,9 @@
 """Many paths of one body: each row is the rollout of its scene, whatever the order, the batch or the kill; finite elements where asked."""
 
+import hashlib
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -163,3 +165,38 @@ def test_the_verb_writes_its_file_and_says_what_is_in_it(tmp_path, monkeypatch, 
         again = sweep(PRESS, RUN, vary=ALONG, count=7, seed=2, nodes="x-max")
         assert np.array_equal(file["displacement"], again.rows.displacement)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["press.toml", "s.h5"]
+
+
+def test_a_path_without_an_equilibrium_keeps_its_prediction_and_is_told_by_its_state(monkeypatch):
+    asked = {"vary": ["obstacle.radius=0.012,0.06"], "changes": ["obstacle.place.turn=0", "obstacle.shape='cylinder'"], "frames": [20, 20]}
+    alone, given = sweep(PRESS, RUN, **asked), []
+    monkeypatch.setattr(module, "solve", lambda scene, **how: given.append((scene, how)) or SimpleNamespace(failure="no equilibrium"))
+    found = sweep(PRESS, RUN, **asked, solve_unsure=True)
+    assert found.rows.state.tolist() == [0, -1] and found.rows.state.dtype == np.int8
+    assert all(np.array_equal(getattr(found.rows, name), getattr(alone.rows, name)) for name in vars(alone.rows) if name != "state")
+    (scene, how), = given
+    assert scene == found.scene(1) and how["final"] is how["partial"] is True and len(how["mesh"].points) == 475
+    sweep(PRESS, RUN, **asked | {"frames": [19, 20]}, solve_unsure=True)
+    assert given[1][1]["final"] is False  # a frame on the way is asked for
+
+
+def test_a_sweep_says_which_seed_and_which_weights_made_it():
+    found = sweep(PRESS, RUN, vary=ALONG, count=1, seed=7, frames=[0], nodes=[0])
+    assert found.about["seed"] == "7" and found.about["run"] == str(RUN) and found.rows.displacement.shape == (1, 1, 1, 3)
+    assert found.about["weights"] == hashlib.sha256((RUN / "model.safetensors").read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(("wrong", "words"), [({"frames": []}, "--frames : must be from 0 to 20"), ({"nodes": []}, "--nodes : must be"),
+                                              ({"frames": [-1]}, "--frames -1"), ({"nodes": [-1]}, "--nodes -1"),
+                                              ({"count": 0}, "--count 0")])
+def test_a_wrong_number_from_python_is_refused_too(wrong, words):
+    with pytest.raises(InputError, match=words):
+        sweep(PRESS, RUN, vary=ALONG, **{"count": 2} | wrong)
+
+
+def test_as_many_paths_as_a_split_has_at_most_and_of_grids_all_points():
+    variation = SimpleNamespace(points=6)
+    assert [module._count(variation, count) for count in (None, 1, 6, 1_000_000)] == [6, 1, 6, 1_000_000]
+    for points, count in ((1, None), (6, 1_000_001), (6, 0)):
+        with pytest.raises(InputError, match="--count"):
+            module._count(SimpleNamespace(points=points), count)

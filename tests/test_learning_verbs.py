@@ -251,9 +251,10 @@ def test_pareto_hands_its_options_on(monkeypatch, capsys, tmp_path):
 
 @pytest.fixture
 def swept(monkeypatch, tmp_path):
-    """Four paths: a frame of two is unsure, one of them solved, one not; the largest displacement 2.5 mm."""
-    rows = SimpleNamespace(state=np.array([0, 1, -1, 0]), unsure=np.array([[0, 0], [1, 0], [0, 1], [0, 0]], bool),
-                           largest=np.array([[0, 1e-3], [2e-3, 2.5e-3], [0, 1e-4], [0, 0]]))
+    """Four paths: a frame of two is unsure, one of them solved, one not; the largest displacement 2.5 mm. Two more have other states,
+    of which nothing is known."""
+    rows = SimpleNamespace(state=np.array([0, 1, -1, 0, 2, -2]), unsure=np.array([[0, 0], [1, 0], [0, 1], [0, 0], [0, 0], [0, 0]], bool),
+                           largest=np.array([[0, 1e-3], [2e-3, 2.5e-3], [0, 1e-4], [0, 0], [0, 0], [0, 0]]))
     called = Called(SimpleNamespace(rows=rows, varied={"obstacle.radius": 0}, frames=np.array([3, 20]), nodes=np.arange(7)))
     monkeypatch.setattr("learning.prediction.sweep.sweep", lambda *given, journal, **named: journal.touch() or called(
         *given, journal=journal, **named))
@@ -266,7 +267,7 @@ def test_sweep_hands_its_options_on_and_counts_what_it_found(swept, capsys):
     arguments = ("sweep", "press.toml", "--predictor", "run", "--out", swept.out)
     result = told(capsys, *arguments)
     assert result.pop("seconds") >= 0
-    assert result == {"paths": 4, "varied": ["obstacle.radius"], "frames": [3, 20], "nodes": 7, "unsure": 2, "solved": 1, "unsolved": 1,
+    assert result == {"paths": 6, "varied": ["obstacle.radius"], "frames": [3, 20], "nodes": 7, "unsure": 2, "solved": 1, "unsolved": 1,
                       "largest": 2.5e-3}
     assert swept.given == ("press.toml", "run") and swept.named.pop("say") and swept.out.read_text() == "written"
     part = swept.out.with_name("s.h5.part")
@@ -274,7 +275,7 @@ def test_sweep_hands_its_options_on_and_counts_what_it_found(swept, capsys):
                            "journal": part} and not part.exists()
     line, = spoken(capsys, *arguments, "--vary", "a=1:2", "b=3:4", "--vary", "c=5,6", "--set", "d=7", "--count", "9", "--seed", "2",
                    "--frames", "0, 20", "--nodes", "x-max", "--unsure", "solve")
-    assert line.startswith("4 paths in ") and line.endswith(
+    assert line.startswith("6 paths in ") and line.endswith(
         f" s, largest displacement 2.5 mm; the predictor is unsure of 2, 1 solved by finite elements, 1 without an equilibrium that "
         f"they found: {swept.out}")
     del swept.named["say"]

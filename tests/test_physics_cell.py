@@ -1,6 +1,6 @@
 """What the table of cell types says: against VTK, meshio and the cells of side 1."""
 
-from itertools import product
+from itertools import combinations, product
 from math import factorial
 
 import meshio
@@ -18,8 +18,10 @@ from vtkmodules.vtkCommonDataModel import (
     vtkWedge,
 )
 
-from physics.mesh.cell import CELLS, CURVED_TETRAHEDRON, OF_MESHIO, OF_VTK
+from physics.mesh import cell as cell_module
+from physics.mesh.cell import CELLS, CURVED_TETRAHEDRON, OF_MESHIO, OF_VTK, SECOND
 from physics.mesh.mesh import kind_of
+from physics.schema import InputError
 
 VTK = {"triangle": vtkTriangle, "quadrilateral": vtkQuad, "tetrahedron": vtkTetra, "hexahedron": vtkHexahedron, "prism": vtkWedge}
 CORNERS = {  # of the cells of side 1
@@ -57,8 +59,20 @@ def test_edges_and_facets_are_those_of_vtk_and_facets_look_outward(cell):
             assert np.cross(side, before) @ (around[k] - points.mean(axis=0)) > 0
 
 
+@pytest.mark.parametrize("cell, small", [("triangle6", 4), ("tetrahedron10", 8)])
+def test_edges_of_a_simplex_of_second_order_are_those_of_its_small_ones(cell, small):
+    """Each by hand: halves, from middle to middle across the corners, and in a tetrahedron once through the octahedron that is left."""
+    corner = {"triangle6": [(0, 3, 5), (1, 3, 4), (2, 4, 5), (3, 4, 5)],
+              "tetrahedron10": [(0, 4, 6, 7), (1, 4, 5, 8), (2, 5, 6, 9), (3, 7, 8, 9),
+                                (4, 9, 5, 6), (4, 9, 6, 7), (4, 9, 7, 8), (4, 9, 8, 5)]}[cell]
+    assert len(corner) == small
+    assert {frozenset(edge) for edge in CELLS[cell].edges} == {frozenset(pair) for part in corner for pair in combinations(part, 2)}
+    assert len(CELLS[cell].edges) == {"triangle6": 9, "tetrahedron10": 25}[cell]
+
+
 def test_other_numbers_of_the_kinds():
     assert CELLS["vertex"].dimension == 0 and CELLS["line"].dimension == 1
+    assert [CELLS["line"].points.shape, CELLS["line"].weights.shape, CELLS["hexahedron"].places.shape] == [(0, 3), (0,), (0, 3)]
     assert {name: cell.plural for name, cell in CELLS.items() if cell.dimension >= 2} == {
         "triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra", "hexahedron": "hexahedra",
         "prism": "prisms", "triangle6": "triangles of 6 nodes", "quadrilateral9": "quadrilaterals of 9 nodes",
@@ -166,3 +180,64 @@ def test_points_of_quadrature_integrate_linear_functions_over_the_reference_cell
               "prism": [1 / 3, 1 / 3, 1 / 2]}[name]
     assert cell.weights.sum() == pytest.approx(volume)
     assert cell.weights @ cell.points == pytest.approx(volume * np.array(middle))
+
+
+@pytest.mark.parametrize("name", CORNERS)
+def test_shape_functions_of_first_order_are_those_of_vtk(name):
+    theirs, cell = VTK[name](), CELLS[name]
+    np.testing.assert_array_equal(cell_module.CORNERS[name], np.reshape(theirs.GetParametricCoords(), (-1, 3)))
+    at = np.random.default_rng(1).uniform(0, 0.4, (4, 2, 3)) * (1, 1, cell.dimension == 3)
+    values, gradients = cell.shapes(at)
+    assert values.shape == (4, 2, cell.corners) and gradients.shape == (4, 2, cell.corners, 3)
+    for i, j in product(range(4), range(2)):
+        weights, slopes = np.zeros(cell.corners), np.zeros(cell.dimension * cell.corners)
+        theirs.InterpolateFunctions(at[i, j], weights)
+        theirs.InterpolateDerivs(at[i, j], slopes)
+        assert values[i, j] == pytest.approx(weights, abs=1e-15)
+        assert gradients[i, j, :, :cell.dimension].T.ravel() == pytest.approx(slopes, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_functions_add_up_to_one_and_those_of_plane_cells_have_no_slope_along_t(name):
+    if CELLS[name].dimension < 2:
+        with pytest.raises(InputError, match=f"cell = '{name}': must be one of triangle, quadrilateral, tetrahedron, prism, hexahedron"):
+            CELLS[name].shapes([0.0, 0.0, 0.0])
+        return
+    plane = CELLS[name].dimension == 2
+    values, gradients = CELLS[name].shapes([0.2, 0.3, 0.0 if plane else 0.4])
+    assert values.sum() == pytest.approx(1) and gradients.sum(axis=0) == pytest.approx([0, 0, 0], abs=1e-14)
+    assert gradients[:, 2].any() == (not plane)
+
+
+@pytest.mark.parametrize("name, across, along, count", [
+    ("triangle", 1, 0, 1), ("tetrahedron", 1, 0, 1), ("quadrilateral", 3, 0, 4), ("hexahedron", 3, 0, 8), ("prism", 2, 3, 6)])
+def test_rules_of_first_order_are_exact_to_their_degree(name, across, along, count):
+    """Of prisms to degree 2 across and 3 along, of quadrilaterals and hexahedra to 3 in each coordinate."""
+    cell = CELLS[name]
+    assert cell.points.shape == (count, 3) and cell.weights.shape == (count,)
+    for a, b, c in product(range(4), repeat=3):
+        if name == "prism":
+            known, wanted = a + b <= across and c <= along, exact((a, b), "triangle") / (c + 1)
+        elif name in ("triangle", "tetrahedron"):
+            known, wanted = a + b + c <= across and (c == 0 or name == "tetrahedron"), exact((a, b, c)[:cell.dimension], name)
+        else:
+            known, wanted = c == 0 or name == "hexahedron", exact((a, b, c)[:cell.dimension], name)
+        if known:
+            assert cell.weights @ np.prod(cell.points ** (a, b, c), axis=1) == pytest.approx(wanted, rel=1e-14)
+
+
+@pytest.mark.parametrize("name, count", [("triangle6", 6), ("quadrilateral9", 12), ("tetrahedron10", 12), ("hexahedron27", 54)])
+def test_edges_of_second_order_lead_from_each_node_to_the_next_half_a_side_away(name, count):
+    """The lines of a lattice of 3 x 3 (x 3) nodes; of triangles and tetrahedra the halves of their edges."""
+    cell = CELLS[name]
+    wanted = set()
+    for i, j in product(range(cell.nodes), repeat=2):
+        apart = np.abs(cell.places[i] - cell.places[j])
+        if cell.corners in (4, 8) and name != "tetrahedron10":
+            near = sorted(apart) == [0, 0, 0.5]
+        else:  # a corner and a middle beside it
+            near = i < cell.corners <= j and i in cell.middles[j - cell.corners]
+        if near:
+            wanted.add(frozenset((i, j)))
+    assert len(cell.edges) == len(wanted) == count and {frozenset(edge) for edge in cell.edges} == wanted
+    assert SECOND[cell.first] == name and cell.corners == CELLS[cell.first].corners and bool(cell.facets) == (cell.dimension == 3)

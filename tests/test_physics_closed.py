@@ -106,3 +106,32 @@ def test_thickness_is_the_shortest_way_through():
     points, triangles, _ = sound(*spanner(height=9.0))
     assert 5.5 < Closed(points, triangles).thickness() <= 6.5  # now the prongs, up to 6 mm wide
     assert closed("ball")[0].thickness() == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize("items", [100_000, 400])
+def test_a_large_triangle_has_the_middles_of_its_equal_parts_in_the_search_tree(items, monkeypatch):
+    """A ball of triangles of 0.1 and a tetrahedron with edges of 1 or more: of n^2 parts of a side over n the middles, listed.
+
+    A part's side is the median of all, or, of so many items, twice the side of a square that has the area over their number.
+    """
+    monkeypatch.setattr("physics.contact.closed.ITEMS", items)
+    fine, small, _ = sound(*ball(0.3, 0.1))
+    points = np.concatenate([fine, [[2.0, 0, 0], [3, 0, 0], [2, 1, 0], [2, 0, 1.5]]])
+    triangles = np.concatenate([small, len(fine) + np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])])
+    surface = Closed(points, triangles)
+    corner = points[triangles]
+    longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
+    side = np.median(longest) if items > 400 else 2 * np.sqrt(area / 400)
+    assert side >= np.median(longest) and longest[-4:].min() > 5 * side
+    part = 0.0
+    for k, (three, length) in enumerate(zip(corner, longest, strict=True)):
+        n = int(np.ceil(length / side - 1e-9))
+        a, b, c = three / n
+        middles = [(i + 1 / 3) * a + (j + 1 / 3) * b + (n - i - j - 2 / 3) * c for i in range(n) for j in range(n - i)]
+        middles += [(i + 2 / 3) * a + (j + 2 / 3) * b + (n - i - j - 4 / 3) * c for i in range(n - 1) for j in range(n - 1 - i)]
+        found = surface._tree.data[surface._owner == k]
+        assert len(found) == n * n and abs(found[:, None] - middles).max(axis=2).min(axis=1).max() < 1e-12
+        part = max(part, length / n)
+    # From the middle of a triangle no corner is further than two thirds of its longest median, which is shorter than its longest side.
+    assert 2 / 3 * part <= surface._part == pytest.approx(2 / 3 * part, rel=2e-9)

@@ -149,7 +149,7 @@ def test_columns_reach_only_the_parts_above(case):
     free[0, 1] = free[2, 2] = False
     inverse = np.linalg.inv(lower)
     for chosen in ([0, 1, 2], [1], [0], [2, 0]):
-        rows, half = panels.columns(unknowns[chosen], free[chosen])
+        rows, half = panels.columns(places[chosen], free[chosen])
         expected = inverse[:, unknowns[chosen].ravel()] * free[chosen].ravel()
         whole = np.zeros_like(expected)
         whole[rows] = half

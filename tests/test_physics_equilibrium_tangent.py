@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
+from physics.equilibrium import tangent
+from physics.equilibrium.balance import Balance
 from physics.equilibrium.state import NoEquilibrium
-from physics.equilibrium.tangent import KeptFactor, TangentMemory
+from physics.equilibrium.tangent import Iterated, KeptFactor, TangentMemory
 from physics.linalg.cholesky import NotPositiveDefinite
-from physics.linalg.multigrid import Felt
+from physics.linalg.multigrid import Felt, NotSolved
+from physics.mesh.build import build_mesh
+from tests.scenes import beam
 
 GENERATOR = np.random.default_rng(0)
 HALF = GENERATOR.normal(size=(6, 6))
@@ -154,3 +158,71 @@ def test_a_stiffness_that_is_not_positive_definite_is_refused_where_that_is_aske
     with pytest.raises(NoEquilibrium, match="not here"):
         kept.renew(FORCE)
     assert kept.stale and kept.made == 1
+
+
+def test_contact_begins_where_it_pressed_before_and_may_be_indefinite(monkeypatch):
+    """The set that is tried first are the points with a force; a body that gives way is not said to be positive definite."""
+    asked = []
+    monkeypatch.setattr(tangent, "solve_complementarity",
+                        lambda matrix, gap, guess, definite: (asked.append((guess.tolist(), definite)), np.zeros(len(gap)))[1])
+    three = Felt(np.array([1]), np.eye(3), np.zeros((0, 3)), np.ones(3), np.full(3, 0.01), np.array([0.0, 0.5, 3.0]))
+    KeptFactor(Dense(STIFFNESS)).step(FORCE, 1e-6, three)
+    KeptFactor(Dense(np.diag([1.0, 1, 1, 1, 1, -1]))).step(FORCE, 1e-6, three)  # their forces are none now
+    three.bend = np.array([[0.0, 0, 4]])  # of a stiffness of 1 in the one direction
+    KeptFactor(Dense(np.eye(6))).step(FORCE, 1e-6, three)
+    assert asked == [([False, True, True], True), ([False] * 3, False), ([False] * 3, False)]
+    for error in (np.linalg.LinAlgError(), RuntimeError()):
+        def fails(*given, error=error, **more):
+            raise error
+
+        monkeypatch.setattr(tangent, "solve_complementarity", fails)
+        with pytest.raises(NoEquilibrium, match="^the body gives way to contact without resistance$"):
+            KeptFactor(Dense(STIFFNESS)).step(FORCE, 1e-6, three)
+
+
+def test_conjugate_gradients_are_made_anew_each_time_and_say_how_often_they_were():
+    class Steps:
+        """A multigrid that notes what it is asked; every other call it does not end."""
+
+        def __init__(self):
+            self.asked, self.set_ups = [], 0
+
+        def update(self, u):
+            self.asked.append(("update", u))
+
+        def _told(self, *call):
+            self.asked.append(call)
+            self.set_ups += 1
+            if self.set_ups % 2 == 0:
+                raise NotSolved("too many")
+            return 7 * FORCE
+
+        def solve(self, force):
+            return self._told("solve", force)
+
+        def step(self, force, tolerance, felt):
+            return self._told("step", force, tolerance, felt)
+
+    solver, point = Steps(), felt(0.0, [0.0, 0, 1])
+    made = Iterated(solver)
+    assert (made.lasting, made.stale, made.definite, made.giving, made.made) == (False, True, True, 0, 0) and made.solver is solver
+    made.renew(FORCE)
+    made.used(99, fresh=False)
+    assert made.stale and np.array_equal(made.solve(FORCE), 7 * FORCE) and made.made == 1
+    with pytest.raises(NoEquilibrium, match="^too many$"):
+        made.step(FORCE, 1e-6, point)
+    assert made.made == 2 and np.array_equal(made.step(2 * FORCE, 1e-7, None), 7 * FORCE) and made.made == 3
+    with pytest.raises(NoEquilibrium, match="^too many$"):
+        made.solve(FORCE)
+    assert [call[0] for call in solver.asked] == ["update", "solve", "step", "step", "solve"] and solver.asked[2][2:] == (1e-6, point)
+    assert made.held(None) and made.held(point) and made.memory() == TangentMemory(4)
+    again = Iterated(Steps())
+    again.recall(TangentMemory(9))
+    assert again.made == 9 and again.solver.asked == []
+
+
+@pytest.mark.parametrize(("method", "lasting"), [("direct", True), ("multigrid", False)])
+def test_what_suits_a_scene_is_what_its_solver_is(method, lasting):
+    scene = beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [2, 1, 1]})
+    found = tangent.tangent_for(Balance(scene, build_mesh(scene.body), method=method))
+    assert found.lasting == lasting and type(found) is (KeptFactor if lasting else Iterated) and found.made == 0

@@ -9,13 +9,26 @@ import pytest
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.quality import cell_volumes
-from physics.mesh.second import corners_only, is_curved, second_order
+from physics.mesh.second import corners_only, cut_into_eight, is_curved, second_order
 from physics.mesh.shapes.boxes import box
 from physics.scene import Body, read_scene
 from physics.solution import solve
 from tests.test_physics_mesh_curved import half_ring
 
 SIDES = {"length": 2.0, "width": 1.0, "height": 3.0, "cells": (2, 1, 3)}
+
+
+def test_ten_nodes_make_eight_tetrahedra_of_an_eighth_each_whose_sides_match():
+    mesh = build_mesh(Body(**SIDES, cell="tetrahedron", order=2))
+    small = cut_into_eight(mesh.cells)
+    volumes = cell_volumes(mesh.points, small, "tetrahedron").reshape(-1, 8)
+    np.testing.assert_allclose(volumes, cell_volumes(mesh.points, mesh.cells[:, :4], "tetrahedron")[:, None] / 8 * np.ones(8), rtol=1e-12)
+    sides = np.sort(small[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
+    sides, count = np.unique(sides, axis=0, return_counts=True)
+    assert set(count) == {1, 2}
+    outside = mesh.points[sides[count == 1]]  # each lies in one of the six faces of the box
+    flat = [(abs(outside[..., k] - at) < 1e-12).all(axis=1) for k, top in enumerate((2.0, 1.0, 3.0)) for at in (0.0, top)]
+    assert np.any(flat, axis=0).all() and len(outside) == 2 * (2 * 1 + 1 * 3 + 2 * 3) * 2 * 4
 
 
 def ordered(points):

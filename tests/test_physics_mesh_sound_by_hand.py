@@ -23,10 +23,10 @@ BEND = np.array([[2.0, 0.3, 0.1], [0.2, 1.5, -0.4], [-0.1, 0.25, 3.0]])
 
 
 def placed(kind, power=0.0):
-    """The corners of one cell, (n, 3), by a linear map, and something of second order."""
+    """The corners of one cell, (n, 3), by a linear map, and something of second order; none of them in the origin."""
     x = np.zeros((len(LOCAL[kind]), 3))
     x[:, :len(LOCAL[kind][0])] = LOCAL[kind]
-    x = x @ BEND + power * x[:, [1, 2, 0]] * x
+    x = x @ BEND + power * x[:, [1, 2, 0]] * x + (7, -5, 3)
     return x * (1, 1, CELLS[kind].dimension == 3)
 
 

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.linalg import cho_solve
 
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory
 from learning.samples.estimate import estimator_of
@@ -16,7 +15,7 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.reduced import quasistatic as module
 from physics.reduced.elastic import Elastic
-from physics.reduced.pose import PoseState, Press, _factor, _rotation
+from physics.reduced.pose import PoseState, Press
 from physics.reduced.quasistatic import Estimator, Solved, _loads
 from physics.reduced.space import Reduced
 from physics.scene import Body, read_scene
@@ -49,40 +48,6 @@ def unsolved(table=None, *, centres=None):
         offsets=np.concatenate([np.arange(len(mesh.cells)) * corners, mesh.cells.size + np.arange(len(triangles) + 1) * 3]),
         types=np.concatenate([np.full(len(mesh.cells), CELLS[mesh.cell].vtk, np.uint8), np.full(len(triangles), 5, np.uint8)]),
         node_kind=kind, displacement=displacement, modes=np.zeros((0, nodes + len(surface), 3), np.float32), scene=scene.to_toml())
-
-
-def rotation(degrees, axis):
-    axis = np.array(axis) / np.linalg.norm(axis)
-    k = np.cross(np.eye(3), axis)
-    return np.eye(3) + np.sin(np.radians(degrees)) * k + (1 - np.cos(np.radians(degrees))) * k @ k
-
-
-def test_the_rotation_of_a_patch():
-    rest = np.random.default_rng(0).normal(size=(7, 3)) + [5, -3, 2]
-    for degrees in (0, 40, 170):
-        turn = rotation(degrees, [1, 2, -1])
-        np.testing.assert_allclose(_rotation(rest, rest @ turn.T + [0.3, 7, -2]), turn, atol=1e-13)
-        stretched = rest @ np.diag([1.2, 0.9, 1.1]) @ turn.T
-        np.testing.assert_allclose(_rotation((rest - rest.mean(axis=0)) @ np.diag([1, 2, 3]), stretched @ np.eye(3)) @ np.eye(3)
-                                   @ _rotation((rest - rest.mean(axis=0)) @ np.diag([1, 2, 3]), stretched).T, np.eye(3), atol=1e-13)
-    flat = rest * [1, 1, 0]  # points in a plane have a rotation, not a reflection
-    turn = rotation(30, [2, 0, 1])
-    np.testing.assert_allclose(_rotation(flat, flat @ turn.T), turn, atol=1e-13)
-    mirrored = _rotation(rest, rest * [1, 1, -1])
-    assert np.linalg.det(mirrored) == pytest.approx(1)
-    line = np.outer([0.0, 1, 2, 4], [1, 2, 3])
-    np.testing.assert_array_equal(_rotation(line, line @ turn.T), np.eye(3))
-    np.testing.assert_array_equal(_rotation(line[:1], line[:1] + 1), np.eye(3))
-
-
-def test_a_factor_of_what_is_not_positive_definite_lifts_it_to_the_softest():
-    turn = rotation(40, [1, 2, 3])
-    good = turn @ np.diag([1.0, 2, 5]) @ turn.T
-    np.testing.assert_allclose(cho_solve(_factor(good), np.eye(3)), np.linalg.inv(good), atol=1e-13)
-    bad = turn @ np.diag([-3.0, 2, 5]) @ turn.T  # 3 is added, and a millionth of 5
-    lifted = np.linalg.inv(cho_solve(_factor(bad), np.eye(3)))
-    np.testing.assert_allclose(np.linalg.eigvalsh(lifted), [5e-6, 5 + 5e-6, 8 + 5e-6], rtol=1e-5)
-    np.testing.assert_allclose(lifted - bad, (3 + 5e-6) * np.eye(3), atol=1e-8)
 
 
 @pytest.mark.parametrize("normal", [(0.0, 0.6, 0.8), (1.0, 0.0, 0.0)])
@@ -283,23 +248,3 @@ def test_a_sheet_whose_stretch_across_follows_is_refused():
     body = {"shape": "plate", "length": 0.06, "width": 0.02, "cells": [6, 2], "cell": "triangle", "plane": "stress"}
     with pytest.raises(InputError, match="knows no plane stress"):
         estimator_of(replace(unsolved(), scene=read_scene(TABLE | {"body": body}).to_toml()))
-
-
-def test_a_state_far_from_the_pose_is_reached_in_halves():
-    """Each half no longer than a cell; where Newton's method never leads there, the body stays and the pose is the new one."""
-    press, asked = Press.__new__(Press), []
-    press.size = 1.0
-    start = PoseState(np.zeros(3), np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(3))
-
-    def newton(centre, state, c):
-        asked.append((float(state.centre[0]), float(centre[0])))
-        return replace(state, centre=centre, q=state.q + 1)
-
-    press.newton = newton
-    found = press.advance(np.array([2.0, 0, 0]), start, np.zeros(1))
-    assert asked == [(0, 1), (1, 2)] and found.q[0] == 2
-    asked.clear()
-    press.newton = lambda centre, state, c: asked.append(1)
-    found = press.advance(np.array([1.0, 0, 0]), start, np.zeros(1))
-    assert found.centre[0] == 1 and found.q[0] == 0
-    assert len(asked) == 2 ** 5 - 1  # one, its two halves, .. down to 16 of 2^-4 of the way

@@ -1,10 +1,13 @@
 """Surfaces of obstacles from files: what is read, what is mended, and what is refused in one line."""
 
+import base64
+
 import meshio
 import numpy as np
 import pytest
 
 from physics.scene import Scene, load_scene, read_scene
+from physics.scene import surface as module
 from physics.scene.surface import read_surface, sound, surface_in, winding
 from physics.schema import InputError
 from tests.tools import SPANNER, ball, brick, spanner, text_of, written
@@ -121,6 +124,7 @@ def test_what_a_mesh_takes_and_refuses(tmp_path):
                         ({"surface": text, "radius": 0.001}, "must be from 0.01 to 0.5 m"),
                         ({"surface": text, "scale": 1e-10}, "obstacle: 2e-10 m wide"),
                         ({"surface": text[:-4]}, "obstacle.surface: not a surface"), ({"surface": "!"}, "obstacle.surface: not a surface"),
+                        ({"surface": text[:8] + "\n" + text[8:]}, "obstacle.surface: not a surface"),
                         ({"surface": ""}, "obstacle.surface: not a surface"),
                         ({"surface": text, "angle": 5.0, "axis": [0, 0, 0]}, "obstacle.axis must not be the zero vector"),
                         ({"surface": text_of(CUBE[0], CUBE[1][:, ::-1])}, "its triangles want mending"),
@@ -146,3 +150,94 @@ def test_beside_a_plane_body_a_box_turns_in_its_plane_and_a_mesh_is_refused():
         check_plane(read_scene(plane | {"obstacle": box}))
     with pytest.raises(InputError, match="meets solid bodies only"):
         check_plane(read_scene(plane | {"obstacle": {"shape": "mesh", "surface": text_of(*sound(*CUBE)[:2]), "path": [[0, 5, 0]]}}))
+
+
+def test_limits_of_a_surface_from_both_sides(monkeypatch):
+    points, triangles = CUBE
+    assert (module.MOST, module.LARGEST, module.LOOKED_AT, module.FLAT) == (20_000, 1e12, 100, 1e-12)
+    assert abs(sound(1e12 * points, triangles)[0]).max() == 1e12
+    with pytest.raises(InputError, match=r"not finite or beyond 1e\+12"):
+        sound(1.001e12 * points, triangles)
+    with pytest.raises(InputError, match="not finite"):
+        sound(np.where(points > 0, np.inf, points), triangles)
+    for places in (points[:, :2], points.ravel()):
+        with pytest.raises(InputError, match="its points are not in space"):
+            sound(places, triangles)
+    with pytest.raises(InputError, match="names a point that is not there"):
+        sound(points, triangles - 1)
+    monkeypatch.setattr(module, "MOST", 12)
+    text = text_of(*sound(points, triangles)[:2])
+    assert len(surface_in(text)[1]) == 12
+    monkeypatch.setattr(module, "MOST", 11)
+    with pytest.raises(InputError, match="^12 triangles; at most 11: make it coarser"):
+        sound(points, triangles)
+    surface_in.cache_clear()
+    with pytest.raises(InputError, match="its length is not that of its points and triangles"):
+        surface_in(text)
+
+
+def test_a_text_whose_numbers_do_not_fit_is_refused():
+    points, triangles, _ = sound(*CUBE)
+    body = points.astype("<f8").tobytes() + triangles.astype("<i4").tobytes()
+
+    def text(count, many, rest=body):
+        return base64.b64encode(np.array([count, many], "<i4").tobytes() + rest).decode()
+
+    assert len(surface_in(text(8, 12))[0]) == 8
+    # As many bytes for more points and fewer triangles, for a number below zero of either, and some too few or too many.
+    for count, many, rest in ((-1, 30, body), (20, -12, body), (8, 12, body[:-1]), (8, 12, body + b"0"), (8, 13, body), (9, 12, body)):
+        with pytest.raises(InputError, match="^not a surface: its length is not that of"):
+            surface_in(text(count, many, rest))
+    for count, many in ((9, 10), (7, 14)):
+        with pytest.raises(InputError):
+            surface_in(text(count, many))
+    with pytest.raises(InputError, match="^has no triangles$"):
+        surface_in(text(8, 0, body[:8 * 24]))
+    with pytest.raises(InputError, match="^not a surface: "):
+        surface_in(base64.b64encode(b"1234").decode())
+
+
+def test_points_keep_their_order_and_zero_has_no_sign():
+    points, triangles = CUBE
+    spread = np.concatenate([[[7.0, 7, 7]], points[::-1] * [1, 1, -1] + [0, 0, 1]])  # one that is not used, and the others backwards
+    back = 8 - triangles
+    found, kept, said = sound(np.where(spread == 0, -0.0, spread), back)
+    assert np.array_equal(found, spread[1:]) and not np.signbit(found[found == 0]).any()
+    turned = kept[:, ::-1] if said else kept
+    assert np.array_equal(found[turned], spread[back]) and said == ["12 of 12 triangles looked inwards and have been turned"]
+
+
+def test_a_triangle_is_flat_below_a_billionth_of_a_thousandth_of_its_longest_side_squared():
+    """A tetrahedron whose apex stands above the middle of an edge of 2 by h: its face there has the area h of 4 F at the limit."""
+    for h, flat in ((4.1e-12, False), (3.9e-12, True)):
+        points = np.array([[-1.0, 0, 0], [1, 0, 0], [0, 1, -1], [0, 0, h]])
+        triangles = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+        if flat:
+            with pytest.raises(InputError, match=r"^a triangle has no area, at \(0, 0, 1\.3e-12\)$"):
+                sound(points, triangles)
+        else:
+            module._check(points, triangles)  # too thin for anything but this
+
+
+def test_other_cells_of_a_file_are_passed_over_or_named(tmp_path):
+    points, triangles = CUBE
+    cells = [("vertex", np.array([[0], [3]])), ("line", np.array([[0, 1]])), ("triangle", triangles)]
+    meshio.Mesh(points, cells).write(tmp_path / "a.vtk")
+    text, said = read_surface(tmp_path / "a.vtk")
+    assert said == "a.vtk" and volume(*surface_in(text)) == pytest.approx(8)
+    meshio.Mesh(points, [("triangle", triangles[:, ::-1])]).write(tmp_path / "b.vtk")
+    assert read_surface(tmp_path / "b.vtk")[1] == "b.vtk, 12 of 12 triangles looked inwards and have been turned"
+    with pytest.raises(InputError, match=r"none\.stl: no such file$"):
+        read_surface(tmp_path / "none.stl")
+    meshio.Mesh(points, [("line", np.array([[0, 1]]))]).write(tmp_path / "c.vtk")
+    with pytest.raises(InputError, match=r"c\.vtk: has no triangles$"):
+        read_surface(tmp_path / "c.vtk")
+
+
+@pytest.mark.parametrize(("place", "expected"), [((0.5, 0.5, 0.5), 1), ((1.5, 0.2, 0.1), 0), ((-0.2, 0.3, 0.9), 0), ((0.01, 0.99, 0.5), 1)])
+def test_the_solid_angle_of_a_box_is_all_of_it_from_within_and_nothing_from_without(place, expected):
+    points, triangles = brick((0.5, 0.5, 0.5), 0.0, 9.0)
+    assert winding(np.array([place]), points + 0.5, triangles) == pytest.approx([expected], abs=1e-13)
+    # Of one face alone, seen from the middle: a sixth.
+    square = triangles[(points[triangles][:, :, 2] > 0).all(axis=1)]
+    assert len(square) == 2 and winding(np.zeros((1, 3)), points, square) == pytest.approx([1 / 6])

@@ -1,4 +1,6 @@
-"""What is drawn, and which frames: the drawing itself replaced by a record of what it was asked for; and the camera's geometry."""
+"""What is drawn, and which frames: the drawing itself replaced by a record of what it was asked for."""
+
+import inspect
 
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from PIL import Image
 from physics import view
 from physics.mesh.build import build_mesh
 from physics.scene import Body
-from physics.view import drawing, page, pictures
+from physics.view import drawing, flow, page, pictures
 
 MESH = build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=(2, 1, 1)))
 STEPS = 7
@@ -45,13 +47,14 @@ def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, d
     truth, moved = 0.5 * path(), path()
     points = np.arange((STEPS + 1) * 9.0).reshape(-1, 3, 3)
     rigid = view.ObstacleSurface(points, np.array([[0, 1, 2]]))
+    monkeypatch.setattr(drawing, "WIDTH", 300)
     assert view.film(tmp_path / "deep" / "film.gif", MESH, moved, obstacle=rigid, frames=3, seconds=0.6) == 3
     # 0, 3.5 and 7 of 7 steps, the half to the even number
     for call, k in zip(drawn, (0, 4, 7), strict=True):
         assert np.array_equal(call["displacement"], moved[k]) and call["outline"] is None
         assert call["colour"] == pytest.approx([*(len(MESH.points) - 1) * [3 * k], 6 * k])  # [mm]
         assert call["limits"] == pytest.approx((0, 42)) and call["cmap"] == "viridis"
-        assert np.array_equal(call["obstacle"].points, points[k]) and call["size"][0] == 1200
+        assert np.array_equal(call["obstacle"].points, points[k]) and call["size"][0] == 300
     assert titles == [f"step {k} of 7:  largest displacement {6 * k} mm" for k in (0, 4, 7)]
     film = Image.open(tmp_path / "deep" / "film.gif")
     assert film.n_frames == 3 and film.info["duration"] == 200 and film.info["loop"] == 0
@@ -59,7 +62,6 @@ def test_a_film_has_evenly_spread_frames_with_the_first_and_the_last(tmp_path, d
     assert film.info["duration"] == 1000
     drawn.clear()
     titles.clear()
-    monkeypatch.setattr(drawing, "WIDTH", 300)
     assert view.film(tmp_path / "both.gif", MESH, moved, truth=truth, frames=99, seconds=0.01) == 8  # never more than there are
     assert len(drawn) == 16
     for k, (left, right) in enumerate(zip(drawn[::2], drawn[1::2], strict=True)):
@@ -95,7 +97,8 @@ def test_a_frame_says_its_error_and_shows_prediction_over_truth(tmp_path, drawn,
     assert drawn[2]["limits"] == (0, 1e-9)
 
 
-def test_a_mode_goes_through_one_period_by_a_sixth_of_the_body(tmp_path, drawn, titles):
+def test_a_mode_goes_through_one_period_by_a_sixth_of_the_body(tmp_path, drawn, titles, monkeypatch):
+    monkeypatch.setattr(drawing, "WIDTH", 300)
     mode = path()[1]  # the largest is 6 mm long
     view.mode_film(tmp_path / "m.gif", MESH, mode, title="mode 1", frames=6, seconds=1.2)
     assert titles == 6 * ["mode 1"] and Image.open(tmp_path / "m.gif").info["duration"] == 200
@@ -103,7 +106,7 @@ def test_a_mode_goes_through_one_period_by_a_sixth_of_the_body(tmp_path, drawn, 
         phase = np.cos(2 * np.pi * k / 6)
         assert call["displacement"] == pytest.approx(phase * mode * (0.1 / 6 / 6e-3), abs=1e-15)
         assert call["colour"] == pytest.approx(abs(phase) * np.where(np.arange(len(mode)) == len(mode) - 1, 1, 0.5))
-        assert call["limits"] == (0, 1) and not call["outline"].any() and call["size"][0] == 600
+        assert call["limits"] == (0, 1) and not call["outline"].any() and call["size"][0] == 150
     drawn.clear()
     scalar = np.linspace(-3.0, 4.0, len(MESH.points))
     view.mode_picture(tmp_path / "s.png", MESH, scalar)
@@ -138,45 +141,6 @@ def test_after_the_first_picture_it_is_said_how_long_all_will_take_and_films_can
     assert said == ["2 pictures and films of 20 each: about 82 s more", "2 pictures: about 2 s more"]
 
 
-def test_the_camera_holds_body_and_near_obstacle():
-    assert drawing.TOWARDS_EYE @ drawing.TOWARDS_EYE == pytest.approx(1) and drawing.TOWARDS_EYE[1] < 0 < drawing.TOWARDS_EYE[2]
-    right, up = drawing._axes_of_view(np.array([0.0, -1.0, 0.0]))
-    assert right == pytest.approx([1, 0, 0]) and up == pytest.approx([0, 0, 1])  # x to the right, z up
-    right, up = drawing._axes_of_view(np.array([0.0, 0.0, 1.0]))
-    assert right == pytest.approx([1, 0, 0]) and up == pytest.approx([0, 1, 0])
-    front = np.array([0.0, -1.0, 0.0])
-    box = np.array([[1.0, 2, 3], [5, 3, 4]])
-    camera = drawing.fit([box[:1], box[1:]], None, front)
-    assert camera.centre == pytest.approx([3, 2.5, 3.5]) and (camera.half_width, camera.half_height) == pytest.approx((2.12, 0.53))
-    assert np.array_equal(camera.eye, front)
-    # Half the extent, 2, around the box: a point 1.9 above is seen, one 2.1 above, or to any side, is not.
-    for away, top in (
-            ([3, 2, 5.9], 5.9), ([3, 2, 6.1], 4.0), ([7.1, 2, 5], 4.0), ([-1.1, 2, 5], 4.0), ([3, 5.1, 5], 4.0), ([3, 2, 0.9], 4.0)):
-        camera = drawing.fit([box], view.ObstacleSurface(np.array([away]), np.zeros((0, 3), int)), front)
-        assert camera.half_height == pytest.approx(1.06 * (top - 3) / 2) and camera.centre[2] == pytest.approx((top + 3) / 2)
-    camera = drawing.Camera(np.zeros(3), 2.0, 1.0, front)
-    assert drawing.panel_size(camera, 1) == (1200, 600) and drawing.panel_size(camera, 2) == (600, 300)
-    tall, flat = drawing.Camera(np.zeros(3), 1.0, 3.0, front), drawing.Camera(np.zeros(3), 9.0, 1.0, front)
-    assert drawing.panel_size(tall, 1) == (1200, 720) and drawing.panel_size(tall, 2) == (600, 480)
-    assert drawing.panel_size(flat, 1) == (1200, 300) and drawing.panel_size(flat, 2) == (600, 150)
-    assert np.array_equal(drawing.eye_for(MESH), drawing.TOWARDS_EYE)
-    plate = build_mesh(Body(shape="plate", length=0.1, width=0.06, height=0.02, cells=(1, 1, 1)))
-    assert drawing.eye_for(plate) == pytest.approx(np.array([-0.35, -1, 0.8]) / np.linalg.norm([0.35, 1, 0.8]))
-    sheet = build_mesh(Body(shape="plate", length=0.1, width=0.06, cells=(1, 1), cell="triangle"))
-    assert drawing.eye_for(sheet) == pytest.approx([0, 0, 1])
-    for width, height in ((0.06, 0.031), (0.024, 0.005)):  # not twice as wide as high; not wider than a quarter of its length
-        slim = build_mesh(Body(length=0.1, width=width, height=height, cells=(1, 1, 1)))
-        assert np.array_equal(drawing.eye_for(slim), drawing.TOWARDS_EYE)
-
-
-def test_polygons_are_listed_with_their_number_of_nodes():
-    assert drawing._faces([np.array([[4, 5, 6]]), np.array([[0, 1, 2, 3], [7, 8, 9, 1]])]).tolist() == [
-        3, 4, 5, 6, 4, 0, 1, 2, 3, 4, 7, 8, 9, 1]
-    rigid = view.ObstacleSurface(np.arange(18.0).reshape(2, 3, 3), np.array([[0, 1, 2]]))
-    assert np.array_equal(rigid.at(1).points, rigid.points[1]) and np.array_equal(rigid.at(1).triangles, rigid.triangles)
-    assert rigid.at(1).at(0) is not rigid and np.array_equal(rigid.at(1).at(5).points, rigid.points[1])
-
-
 def test_a_facet_has_the_colour_of_most_of_its_nodes(tmp_path, drawn):
     segment = (MESH.points[:, 0] > 0.04).astype(np.int64) + (MESH.points[:, 0] > 0.09)
     view.segment_picture(tmp_path / "s.png", MESH, segment)
@@ -191,27 +155,8 @@ def test_a_facet_has_the_colour_of_most_of_its_nodes(tmp_path, drawn):
             assert found == pytest.approx(palette[counts.argmax()], abs=0.01)
 
 
-def test_the_outline_is_blue_where_the_truth_is_and_the_obstacle_grey():
-    """Drawn for once: a body of one colour, the truth's edges 15 mm above it, an obstacle 15 mm below, seen from the front."""
-    front, still = np.array([0.0, -1.0, 0.0]), np.zeros_like(MESH.points)
-    camera = drawing.Camera(np.array([0.05, 0.01, 0.015]), 0.06, 0.06, front)
-    square = view.ObstacleSurface(np.array([[0.03, 0.0, -0.03], [0.07, 0.0, -0.03], [0.07, 0.0, -0.015], [0.03, 0, -0.015]]),
-                           np.array([[0, 1, 2], [0, 2, 3]]))
-    picture = drawing.draw(MESH, still, np.linspace(5, 6, len(still)), (0, 5), "YlOrRd", camera, (120, 120), obstacle=square,
-                         outline=still + [0, 0, 0.035]).astype(int)
-    assert picture.shape == (120, 120, 3)
-
-    def at(x, z):  # 1 mm a pixel
-        return picture[round(1e3 * (0.075 - z)), round(1e3 * (x + 0.01))]
-
-    assert (at(-0.005, 0.015) == 255).all() and (at(0.105, 0.015) == 255).all()
-    red, green, blue = at(0.03, 0.012)
-    assert red > 80 and green < 40 and blue < 70  # the top of the scale
-    grey = at(0.05, -0.022)
-    assert np.ptp(grey) < 12 and 120 < grey.mean() < 240
-    assert (at(0.05, 0.05) == 255).all()  # inside of the outline
-    blues = (picture[..., 2] - picture[..., 0] > 60).nonzero()
-    assert len(blues[0]) > 100
-    # The outline's box: from 35 to 65 mm high, 0 to 100 mm along.
-    assert np.ptp(blues[0]) == pytest.approx(30, abs=2) and np.ptp(blues[1]) == pytest.approx(100, abs=2)
-    assert blues[0].min() == pytest.approx(75 - 65, abs=2)
+@pytest.mark.parametrize(("film", "frames", "seconds"), [(pictures.film, 60, 6.0), (flow.flow_film, 60, 6.0),
+                                                         (pictures.mode_film, 20, 1.6)])
+def test_films_that_nobody_says_more_of_have_sixty_pictures_in_six_seconds_and_periods_twenty(film, frames, seconds):
+    given = inspect.signature(film).parameters
+    assert (given["frames"].default, given["seconds"].default) == (frames, seconds)

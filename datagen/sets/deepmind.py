@@ -14,12 +14,12 @@ Reading, nodes of the obstacle are moved to the end and its cells replaced by th
 have them; mesh_pos becomes Points, world_pos the displacement, and other dynamic fields stay what they are, but for a velocity in the
 plane, which gets a third component of zero. Such files have no scene, so their physics cannot be checked.
 
-Writing, prisms are cut into three tetrahedra each, because readers of DeformingPlate take four nodes of a cell for granted
-(cells "own" keeps them); the obstacle's triangles go to a field of their own, obstacle_cells (1, F, 3). Positions are in
-single precision there: of a body of 0.3 m, to 1.5e-8 m. Their stress is von Mises'; where our files have it (files/fields.py) it is written
-under that name, and the tensor as cauchy_stress (T, N, 6). A body in a plane that moves has a mesh_pos of two components, too, as a cloth.
-Of a flow the first frame, in which the fluid is at rest, is left out, so 600 steps are 600 rows, as theirs are; dt is the time between two
-of them [s].
+Writing, prisms are cut into three tetrahedra each, and those of ten nodes into eight, because readers of DeformingPlate take four nodes
+of a cell for granted (cells "own" keeps them); the obstacle's triangles go to a field of their own, obstacle_cells (1, F, 3). Positions
+are in single precision there: of a body of 0.3 m, to 1.5e-8 m. Their stress is von Mises'; where our files have it
+(files/fields.py) it is written under that name, and the tensor as cauchy_stress (T, N, 6). A body in a plane that moves has a mesh_pos
+of two components, too, as a cloth. Of a flow the first frame, in which the fluid is at rest, is left out, so 600 steps are 600 rows, as
+theirs are; dt is the time between two of them [s].
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ from datagen.sets.workers import progress
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import cell_volumes
+from physics.mesh.second import cut_into_eight
 from physics.mesh.shapes.boxes import tetrahedra
 from physics.schema import InputError
 from physics.whole import folder_whole
@@ -232,6 +233,8 @@ def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
     body = trajectory.mesh.cells
     if cells == "tetrahedra" and body.shape[1] == 6:
         body = tetrahedra(body)
+    elif cells == "tetrahedra" and body.shape[1] == 10:
+        body = cut_into_eight(body)
     elif cells == "tetrahedra" and body.shape[1] == 8:
         raise InputError("hexahedra are not cut into tetrahedra here: ask for --cells own")
     flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement[0].any()

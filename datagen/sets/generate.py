@@ -231,6 +231,9 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
         snaps = np.flatnonzero(trajectory.per_frame.get("snap", ()))
         if len(snaps):
             wrong.append(f"the body snaps at step {snaps[0]}")
+        inverted = np.flatnonzero(~(trajectory.per_frame.get("smallest_det_f", np.ones(1)) > 0))
+        if len(inverted):
+            wrong.append(f"a cell turns inside out at step {inverted[0]}")
         if wrong:
             reasons.append(wrong[0])
             continue

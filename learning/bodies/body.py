@@ -25,7 +25,7 @@ from physics.scene import Obstacle, Scene
 from physics.schema import InputError
 
 Floats = NDArray[np.floating[Any]]
-LOOKS = 64  # poses between which the first touch is looked for, and again between two of these
+LOOKS = 16  # poses between which the first touch is looked for, and again between two of these
 KINDS = ("sphere", "cylinder", "capsule", "box", "half-space")  # of obstacles, in the order in which the network is shown them
 
 
@@ -76,7 +76,7 @@ class Body:
         """The fraction of the path at which the obstacle reaches the body at rest; 1 where it never does."""
         low, high = 0.0, 1.0
         for _ in range(2):
-            fraction = np.linspace(low, high, LOOKS // 4)
+            fraction = np.linspace(low, high, LOOKS)
             depth = self.depth(fraction)
             after = int((depth > 0).argmax())
             if depth[after] <= 0:

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from learning.config import BodiesConfig
 from learning.networks.shapes import Shapes
-from learning.networks.stored import read_stored, under
+from learning.networks.stored import put_into, read_stored, under
 from learning.slender.model import MARGIN, scaled
 from physics.schema import InputError, read_table
 
@@ -76,10 +76,7 @@ def load_bodies(run: str | Path, name: str = "model") -> Bodies:
     try:
         scales = Scales(**{field.name: tensors[f"scales.{field.name}"] for field in fields(Scales)})
         network = Shapes(config.network, scales.pose.shape[1], len(scales.shapes))
-        network.load_state_dict(under("weights.", tensors))
     except KeyError as error:
         raise InputError(f"{path}: not a whole checkpoint: {error}") from None
-    except RuntimeError as error:
-        lines = [line.strip() for line in str(error).splitlines()]
-        raise InputError(f"{path}: its weights do not fit its config: {lines[min(1, len(lines) - 1)]}") from None
+    put_into(network, under("weights.", tensors), path)
     return Bodies(config, network.eval(), scales, str(run))

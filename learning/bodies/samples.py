@@ -43,7 +43,7 @@ class Read:
     displacement: Floats
     told: dict[str, Value]
     digest: str
-    seconds: float = 0.0
+    seconds: float
 
 
 @dataclass(frozen=True)

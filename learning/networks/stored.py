@@ -8,7 +8,7 @@ from typing import Any
 
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
-from torch import Tensor
+from torch import Tensor, nn
 
 from physics.schema import InputError
 from physics.whole import write_whole
@@ -37,6 +37,15 @@ def read_stored(path: str | Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: not a whole checkpoint: {str(error).splitlines()[0]}") from None
+
+
+def put_into(network: nn.Module, weights: dict[str, Tensor], path: str | Path) -> None:
+    """Put a file's weights into a network. Raises `InputError` when they belong to a different one."""
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        (_, first, *_) = str(error).splitlines()  # after the name of the network what is wrong, a line each
+        raise InputError(f"{path}: its weights do not fit its config: {first.strip()}") from None
 
 
 def under(prefix: str, tensors: dict[str, Tensor]) -> dict[str, Tensor]:

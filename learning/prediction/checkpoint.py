@@ -26,7 +26,7 @@ from learning.config import TrainConfig
 from learning.devices import device_of
 from learning.graphs.layout import Layout
 from learning.networks.kinds import build
-from learning.networks.stored import read_stored, under, write_stored
+from learning.networks.stored import put_into, read_stored, under, write_stored
 from learning.prediction.memory import keep_freed_memory
 from learning.samples.scales import INPUTS, Normaliser
 from physics.schema import InputError, read_table, to_table
@@ -98,15 +98,6 @@ def read_checkpoint(path: str | Path) -> Checkpoint:
     return Checkpoint(about, under("weights.", tensors), normaliser, optimizer, tensors.get("generator"))
 
 
-def load_weights(network: torch.nn.Module, saved: Checkpoint, path: str | Path) -> None:
-    """Put a checkpoint's weights into a network. Raises `InputError` when they belong to a different one."""
-    try:
-        network.load_state_dict(saved.weights)
-    except RuntimeError as error:
-        lines = [line.strip() for line in str(error).splitlines()]
-        raise InputError(f"{path}: its weights do not fit its config: {lines[min(1, len(lines) - 1)]}") from None
-
-
 def load_model(run: str | Path, device: str = "cpu") -> Model | AtOnce:
     """The best network of a run folder, on a device (devices.py; a predictor of all frames at once stays on the processor).
 
@@ -121,5 +112,5 @@ def load_model(run: str | Path, device: str = "cpu") -> Model | AtOnce:
     saved = read_checkpoint(path)
     config = read_table(TrainConfig, saved.about.get("config"), f"{path}: config")
     network = build(config.network, saved.normaliser.layout.widths)
-    load_weights(network, saved, path)
+    put_into(network, saved.weights, path)
     return Model(config, network.eval(), saved.normaliser, str(run)).to(where)

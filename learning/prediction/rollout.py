@@ -33,7 +33,7 @@ from learning.prediction.checkpoint import Model
 from learning.samples.estimate import estimate
 from learning.samples.samples import Example, build_example, describe
 
-BATCH = 8  # poses at a time
+BATCH = 8  # poses, or single steps, at a time
 # Takes displacements (N, 3) of the body [m] and the number of their frame, and gives better ones.
 Correction = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
@@ -122,7 +122,7 @@ def walk(model: Model, example: Example, correct: Correction | None = None, *,
     return predicted
 
 
-def predict_step(model: Model | AtOnce, trajectory: Trajectory, *, batch_size: int = 8) -> NDArray[np.float32]:
+def predict_step(model: Model | AtOnce, trajectory: Trajectory, *, batch_size: int = BATCH) -> NDArray[np.float32]:
     """(T - 1, N, 3) displacement, or velocity of a flow, one step after each true frame 0 .. T - 2; prescribed nodes as given."""
     if not isinstance(model, AtOnce):
         layout = model.normaliser.layout

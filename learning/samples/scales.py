@@ -88,5 +88,5 @@ class Moments:
 
     def table(self, floor: float | Tensor) -> Tensor:
         """(2, F) float32 mean and standard deviation; a deviation below the floor is rounding, not signal, and becomes 1."""
-        deviation = (self.mean_square - self.mean**2).clamp(min=0).sqrt()
+        deviation = (self.mean_square - self.mean**2).sqrt()  # not a number where rounding makes that negative
         return torch.stack([self.mean, torch.where(deviation > floor, deviation, 1.0)]).float()

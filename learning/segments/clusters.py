@@ -48,7 +48,7 @@ def same_size(points: Floats, size: int) -> Integers:
         best = np.maximum.reduceat(gain[rows], np.searchsorted(label[rows], clusters))  # (K, K) from, to
         swap = np.triu(best + best.T, 1)
         taken = np.zeros(count, bool)
-        for a, b in zip(*np.unravel_index(np.argsort(-swap, axis=None, kind="stable")[:count**2 // 2], swap.shape), strict=True):
+        for a, b in zip(*np.unravel_index(np.argsort(-swap, axis=None, kind="stable"), swap.shape), strict=True):
             if swap[a, b] <= 1e-9 * squared.max():
                 break
             if not (taken[a] or taken[b]):

@@ -137,7 +137,7 @@ def see(scene: Scene) -> Beam:
     body, obstacle = scene.body, scene.obstacles[0] if scene.obstacles else None
     held = {support.where for support in scene.support}
     wrong = [
-        (body.shape != "beam" or body.cell != "prism" or body.order != 1 or body.element != "standard",
+        (body.shape != "beam" or body.cell != "prism" or body.element != "standard",
          "the body is not a beam of first-order prisms"),
         (min(body.divisions[1:], default=0) < 2, "it has fewer than two cells across"),
         (len(scene.obstacles) > 1, "it has several obstacles"), (len(scene.materials) > 1, "it has several materials"),

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -26,11 +27,11 @@ def stretch(errors: Sequence[Tensor], expected: Sequence[Tensor], coverage: floa
     1 - coverage trajectories: so few cannot tell."""
     if len(errors) * (1 - coverage) < 1 - 1e-9:
         return math.inf
-    ratio = torch.cat([error / bar for error, bar in zip(errors, expected, strict=True)]).double()
-    share = torch.cat([torch.full((len(error),), 1 / (len(error) * len(errors)), dtype=torch.float64) for error in errors])
-    order = torch.argsort(ratio)
-    reached = share[order].cumsum(0) >= coverage - 1e-12
-    return float(ratio[order[int(reached.int().argmax())]])
+    ratio = np.concatenate([(error / bar).numpy() for error, bar in zip(errors, expected, strict=True)]).astype(float)
+    share = np.concatenate([np.full(len(error), 1 / (len(error) * len(errors))) for error in errors])
+    order = np.argsort(ratio)
+    reached = np.cumsum(share[order]) >= coverage - 1e-12
+    return float(ratio[order[reached.argmax()]])
 
 
 def covered(errors: Sequence[Tensor], bars: Sequence[Tensor]) -> float:

@@ -65,7 +65,7 @@ def left(beam: Beam, centre: Tensor, obstacle: Obstacle) -> Tensor:
     """(n, K) True from the pose on at which a sphere has or may have left its groove at a jump, for centres (n, K, 3) along n paths and
     an obstacle with numbers (n * K,): past it theory may be in another groove than the body, even where it sees no jump any more."""
     bar = Bar(*beam.extent, beam.poisson_ratio, beam.held_at_both)
-    ends = torch.tensor([0.0, beam.extent[0]], dtype=centre.dtype)
+    ends = torch.tensor([0.0, bar.length], dtype=centre.dtype)
     return press(ends, centre.flatten(0, 1), obstacle, bar).jumps.view(centre.shape[:2]).cumsum(1) > 0
 
 

@@ -83,15 +83,19 @@ def alike(beams: Sequence[Beam]) -> Iterator[tuple[NDArray[np.int64], Paths]]:
 
 def per_batch(model: Slender, frames: Floats, nodes: int) -> int:
     """How many paths are worth a batch."""
-    poses = 1 if (frames == 1).all() else model.config.poses
-    return max(1, min(POSES // poses, NUMBERS // (3 * nodes * len(frames))))
+    return max(1, min(POSES // len(_shares(model, frames)), NUMBERS // (3 * nodes * len(frames))))
+
+
+def _shares(model: Slender, frames: Floats) -> Floats:
+    """(K,) poses of a path as shares of the way from its first touch to its end; the end alone where no other frame is asked for."""
+    return knots(0.0, model.config.poses)[-1 if (frames == 1).all() else 0:]
 
 
 def predict_many(model: Slender, paths: Paths, frames: Floats) -> Frames:
     """What the predictor says of frames, given as fractions (F,) of the paths, 0 to 1."""
     beam, touched = paths.beam, paths.first_touch.numpy()
     start = np.where(touched < 1, touched, 0.0)[:, None]  # those that never touch are looked at, and then put to rest
-    share = np.ones(1) if (frames == 1).all() else knots(0.0, model.config.poses)
+    share = _shares(model, frames)
 
     def centres(share: Floats) -> Tensor:
         at = torch.as_tensor(start + (1 - start) * share)[..., None]  # (n, K, 1)

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from learning.config import SlenderConfig
 from learning.networks.sections import Sections
-from learning.networks.stored import read_stored, under
+from learning.networks.stored import put_into, read_stored, under
 from learning.slender.beam import FUNCTIONS
 from learning.slender.features import Seen
 from physics.schema import InputError, read_table
@@ -98,10 +98,7 @@ def load_slender(run: str | Path, name: str = "model") -> Slender:
     try:
         scales = Scales(**{field.name: tensors[f"scales.{field.name}"] for field in fields(Scales)})
         network = Sections(config.network, scales.pose.shape[1], scales.section.shape[1])
-        network.load_state_dict(under("weights.", tensors))
     except KeyError as error:
         raise InputError(f"{path}: not a whole checkpoint: {error}") from None
-    except RuntimeError as error:
-        lines = [line.strip() for line in str(error).splitlines()]
-        raise InputError(f"{path}: its weights do not fit its config: {lines[min(1, len(lines) - 1)]}") from None
+    put_into(network, under("weights.", tensors), path)
     return Slender(config, network.eval(), scales, str(run))

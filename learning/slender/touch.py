@@ -91,8 +91,7 @@ def first_touch(start: Tensor, end: Tensor, radius: float | Tensor, height: floa
     """(...) fraction of a path from `start` to `end` (..., 3) at which the obstacle reaches the face at rest; 0 where it starts there,
     1 where it never does."""
     low, high = (place[..., 2] - radius - height / 2 for place in (start, end))
-    share = torch.where(low > high, low / (low - high), 0.0)
-    return torch.where(low <= 0, 0.0, torch.where(high >= 0, 1.0, share))
+    return torch.where(low <= 0, 0.0, torch.where(high >= 0, 1.0, low / (low - high)))
 
 
 def groove(start: Tensor, end: Tensor, touched: Tensor, row: float, cells: int) -> tuple[Tensor, Tensor]:
@@ -132,7 +131,7 @@ def press(x: Tensor, centre: Tensor, obstacle: Obstacle, bar: Bar) -> Bent:
                 rotation=torch.atan(force[:, None] * p), drawn_in=bar.drawn_in(x, deflection),
                 aside=sideways[:, None] * _lying(here, at, bar), turn=torque[:, None] * bar.twist(here, at),
                 lean=lean, pull=groove[0], hold=groove[1], lies=groove[2], groove=groove[3],
-                torn=groove[4], jumps=groove[5] > 0)
+                torn=groove[4], jumps=groove[5].bool())
 
 
 def _indentation(force: Tensor, obstacle: Obstacle, bar: Bar) -> Tensor:
@@ -209,8 +208,8 @@ def held(pull: Tensor, hold: Tensor, width: Tensor, first: float | Tensor) -> tu
     moved = torch.sign(pull) * torch.ceil((pull.abs() - highest) / 2).clamp(min=0)
     rest = pull - 2 * moved
     begun = torch.where(start > 0, torch.where(torch.as_tensor(first) >= 0, 1.0, -1.0), torch.sign(rest))
+    begun = torch.where(begun == 0, 1.0, begun)
     side = torch.where(moved == 0, begun, -torch.sign(moved))
-    side = torch.where(side == 0, 1.0, side)
     foot = steep * start / (steep + 2)  # below it the law is that of the nodes' row, -2 z
     side = torch.where(side * rest < foot * (1 - 2 * hold), torch.where(stiff & (side * rest > -foot * (1 - 2 * hold)), side, -side), side)
     along = side * rest

@@ -17,7 +17,8 @@ import torch
 
 from learning.config import TrainConfig
 from learning.networks.kinds import build
-from learning.prediction.checkpoint import Checkpoint, Model, load_weights, read_checkpoint, write_checkpoint
+from learning.networks.stored import put_into
+from learning.prediction.checkpoint import Checkpoint, Model, read_checkpoint, write_checkpoint
 from learning.samples.samples import Example, fingerprint, fit_normaliser
 from physics.schema import InputError, read_table, to_table
 
@@ -85,7 +86,7 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
         raise InputError(f"{path} holds a network but no state of a training: it cannot be resumed")
     _check_same_run(saved.about, about, out)
     known = {known.name: saved.about[known.name] for known in fields(About) if known.name in saved.about}
-    load_weights(network, saved, path)
+    put_into(network, saved.weights, path)
     optimizer.load_state_dict({"state": saved.optimizer, "param_groups": optimizer.state_dict()["param_groups"]})
     generator.set_state(saved.generator)
     return Run(out, About(**{**known, "config": about.config, "versions": about.versions}),

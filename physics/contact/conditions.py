@@ -25,12 +25,13 @@ import scipy.linalg
 import scipy.optimize
 import scipy.sparse
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from physics.contact.obstacles import Rigid
 from physics.contact.points import merged, points_of
 from physics.contact.several import Rigids
 from physics.mesh.cell import CELLS
-from physics.mesh.mesh import Mesh, kind_of
+from physics.mesh.mesh import Mesh, kind_of, unique_edges
 from physics.scene import Obstacle
 from physics.schema import InputError
 
@@ -41,8 +42,10 @@ CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
 
 
 def cell_size(mesh: Mesh) -> float:
-    """The median length of the mesh's edges [m]."""
-    return float(np.median(np.linalg.norm(np.diff(mesh.points[mesh.edges], axis=1), axis=2)))
+    """The median distance between neighbours along the edges of the cells [m]: of second order half an edge."""
+    cell = CELLS[mesh.cell]
+    edges = unique_edges(mesh.cells[:, :cell.corners], cell.first) if cell.middles else mesh.edges
+    return float(np.median(np.linalg.norm(np.diff(mesh.points[edges], axis=1), axis=2))) / (2 if cell.middles else 1)
 
 
 class ContactSurface:
@@ -111,8 +114,14 @@ def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_],
         p = np.zeros(len(gap))
         if active.any():
             index = np.flatnonzero(active)
-            p[index] = scipy.linalg.solve(matrix[np.ix_(index, index)], -gap[index], assume_a="pos" if definite else "sym",
-                                          check_finite=False)
+            part = matrix[np.ix_(index, index)]
+            if definite:
+                _, solved, failed = lapack.dposv(part, -gap[index][:, None])
+                if failed:
+                    raise np.linalg.LinAlgError("the matrix is not positive definite")
+                p[index] = solved[:, 0]
+            else:
+                p[index] = scipy.linalg.solve(part, -gap[index], assume_a="sym", check_finite=False)
         w = gap + matrix @ p
         following = np.where(active, p > 0, w < 0)
         if (following == active).all():

@@ -11,6 +11,7 @@ Legend: Q points, P surface nodes, F triangles.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable
 
 import numpy as np
@@ -42,6 +43,7 @@ class Rigid:
         self.shape: Shape = SHAPES[obstacle.shape](obstacle)
         self.path = np.array(obstacle.path)
         self.reached = np.linspace(0.0, 1.0, len(self.path)) if obstacle.steps is None else np.array(obstacle.steps)
+        self._speed = np.diff(self.path, axis=0) / np.diff(self.reached)[:, None]
 
     @property
     def width(self) -> float:
@@ -71,7 +73,10 @@ class Rigid:
 
     def position(self, fraction: float) -> Floats:
         """(3,) centre [m] at a fraction 0 .. 1 of the steps; between way-points on a straight line."""
-        return np.array([np.interp(fraction, self.reached, component) for component in self.path.T])
+        last = bisect_right(self.reached, fraction) - 1  # way-point that was passed
+        if not 0 <= last < len(self._speed) or self.reached[last] == fraction:
+            return self.path[np.clip(last, 0, len(self._speed))]
+        return self._speed[last] * (fraction - self.reached[last]) + self.path[last]
 
     def gap(self, points: Floats, centre: Floats) -> tuple[Floats, Floats]:
         """Signed distances (Q,) [m] and normals (Q, 3) of points (Q, 3) for an obstacle at a centre (3,)."""

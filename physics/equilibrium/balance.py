@@ -63,6 +63,7 @@ class Balance:
                              "leave it out, or take tetrahedra or hexahedra")
         mesh = across(mesh, scene.body)
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
+        self.thin = float(mesh.extent.min())  # [m]
         self.fixed, self.moves = held(scene, mesh), Moves(scene, mesh)
         self.bearing = np.flatnonzero(self.moves.nodes if self.moves.nodes.any() else self.fixed.any(axis=1))
         following = [(outer_facets(mesh, load.where, f"load[{i}].where"), load) for i, load in enumerate(scene.load)
@@ -144,7 +145,7 @@ class Balance:
         Where the end of a slender body has moved by d across it, a step along its soft directions is off by about 10 (d/h)^2 of
         itself: the axial stiffness E h^2 / L has turned by 1.5 d/L against the bending stiffness E h^4 / (4 L^3).
         """
-        return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * float(self.mesh.extent.min())
+        return float(np.linalg.norm(u - at, axis=1).max()) > TURNED * self.thin
 
     def stride(self, start: float, end: float) -> float:
         """How far the obstacle moves between two fractions of the loading, over what is safe for one step; of several the farthest."""
@@ -157,9 +158,9 @@ class Balance:
         """
         strides = []
         for obstacle in self.contact.obstacle.each if self.contact is not None else ():
-            between = np.unique([start, *obstacle.reached, end])
-            way = np.array([obstacle.position(fraction) for fraction in between if start <= fraction <= end])
-            safe = min(obstacle.width, float(self.mesh.extent.min())) / 2
+            corners = obstacle.reached[(obstacle.reached > start) & (obstacle.reached < end)]
+            way = np.array([obstacle.position(fraction) for fraction in (start, *corners, end)])
+            safe = min(obstacle.width, self.thin) / 2
             strides.append(float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe)
         return strides
 

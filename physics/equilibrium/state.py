@@ -5,6 +5,7 @@ Legend: N nodes, Q contact points, S states.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -64,7 +65,7 @@ class StatesMemory:
 def extrapolate(states: list[State], fraction: float) -> Floats:
     """Displacements (N, 3) of the polynomial through some states (Lagrange's form), at another fraction."""
     at = [state.fraction for state in states]
-    weights = [np.prod([(fraction - t) / (s - t) for t in at if t != s]) for s in at]
+    weights = [math.prod((fraction - t) / (s - t) for t in at if t != s) for s in at]
     return sum((weight * state.u for weight, state in zip(weights, states, strict=True)), np.zeros_like(states[0].u))
 
 

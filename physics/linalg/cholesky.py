@@ -211,4 +211,4 @@ class DissectionFactor(_Cholesky):
         return self._panels.backward(y)
 
     def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
-        return self._panels.columns(self._unknown[nodes], ~self.elasticity.fixed[nodes])
+        return self._panels.columns(self._panels.dissection.place[nodes], ~self.elasticity.fixed[nodes])

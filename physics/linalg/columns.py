@@ -33,6 +33,7 @@ class Columns:
 
     def clear(self) -> None:
         self.groups: list[Integers] = []
+        self._asked: Integers | None = None
         self.rows, self.half, self.compliance = np.empty(0, np.int64), np.empty((0, 0)), np.empty((0, 0))
 
     def learn(self, nodes: Integers) -> None:
@@ -46,6 +47,8 @@ class Columns:
 
     def of(self, nodes: Integers) -> Integers:
         """(D n,) the columns of n nodes; those that are missing are found, and those long out of use forgotten."""
+        if nodes is self._asked:  # once more, within a step
+            return self._answer
         place = self._places(nodes)
         if (place < 0).any():
             if sum(map(len, self.groups)) > FORGET * len(nodes):
@@ -53,7 +56,8 @@ class Columns:
                 place[:] = -1
             self.learn(nodes[place < 0])
             place = self._places(nodes)
-        return (self._components * place[:, None] + np.arange(self._components)).ravel()
+        self._asked, self._answer = nodes, (self._components * place[:, None] + np.arange(self._components)).ravel()
+        return self._answer
 
     def _places(self, nodes: Integers) -> Integers:
         """(n,) of each of n nodes among the known ones, -1 where it is not known."""

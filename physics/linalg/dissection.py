@@ -133,7 +133,8 @@ def laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list[
     s, b = float(each) * np.diff(first), float(each) * np.array([len(boundary) for boundary in boundaries])
     panel = np.concatenate([[0.0], np.cumsum(s * (s + b))])
     begin = np.concatenate([[0], np.cumsum(b // each)])
-    child = np.concatenate([[0], np.cumsum([len(below) for below in children])])
+    count = np.array([len(below) for below in children])
+    last = np.cumsum(count)
     made, kept, top, memory = np.zeros(len(own)), np.zeros(len(own)), 0.0, 0.0
     for t, below in enumerate(children):
         made[t] = top
@@ -141,7 +142,7 @@ def laid_out(own: list[Integers], near: list[NDArray[np.int32]], children: list[
         kept[t] = kept[below[0]] if below else top
         top = kept[t] + b[t] ** 2
     part = np.empty(len(own), PART)
-    for name, column in zip(COLUMNS, (s, b, panel[:-1], first[:-1], begin[:-1], child[:-1], child[1:], made, kept), strict=True):
+    for name, column in zip(COLUMNS, (s, b, panel[:-1], first[:-1], begin[:-1], last - count, last, made, kept), strict=True):
         part[name] = column
     return Dissection(
         order=order, place=place[:-1], part=part, parent=parent,
@@ -218,13 +219,13 @@ class Panels:
             pointer(scratch), call["dtrsv"], call["dgemv"])
         return x
 
-    def columns(self, unknowns: Integers, free: NDArray[np.bool_]) -> tuple[Integers, Floats]:
-        """L^-1 of unit vectors at the three unknowns (n, 3) of n nodes, zero where they are not free (n, 3).
+    def columns(self, places: Integers, free: NDArray[np.bool_]) -> tuple[Integers, Floats]:
+        """L^-1 of unit vectors at the three unknowns of each of the nodes at n places, zero where they are not free (n, 3).
 
         Returns:
             rows (r,) outside of which it is zero, and the columns (r, 3 n)
         """
-        d, places = self.dissection, unknowns[:, 0] // 3
+        d = self.dissection
         reached = np.zeros(len(d.part), bool)
         front = np.unique(np.searchsorted(d.part["first"], places, side="right") - 1)
         while len(front):  # up to the last separator
@@ -233,9 +234,9 @@ class Panels:
             front = front[front >= 0]
         inside = np.repeat(reached, d.part["own"] // 3)
         row = np.cumsum(inside) - 1
-        right = np.zeros((3 * int(inside.sum()), unknowns.size))
-        right[(3 * row[places][:, None] + np.arange(3)).ravel(), np.arange(unknowns.size)] = free.ravel()
-        self.forward(right.reshape(-1, 3, unknowns.size), np.flatnonzero(reached), row)
+        right = np.zeros((3 * int(inside.sum()), free.size))
+        right[(3 * row[places][:, None] + np.arange(3)).ravel(), np.arange(free.size)] = free.ravel()
+        self.forward(right.reshape(-1, 3, free.size), np.flatnonzero(reached), row)
         return (3 * np.flatnonzero(inside)[:, None] + np.arange(3)).ravel(), right
 
 

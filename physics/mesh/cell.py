@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,11 @@ ShapeFunctions = Callable[[Floats, Floats, Floats], tuple[list[Any], list[tuple[
 GAUSS = (0.5 - 12**-0.5, 0.5 + 12**-0.5)  # two points on [0, 1], each of weight 1/2
 TRIANGLE = ((1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3))  # three points, each of weight 1/6
 HEXAHEDRON = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))  # its corners' coordinates
+_SIMPLEX = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+CORNERS: dict[str, Floats] = {  # (n, 3) of each kind
+    "triangle": np.array(_SIMPLEX[:3], float), "quadrilateral": np.array(HEXAHEDRON[:4], float),
+    "tetrahedron": np.array(_SIMPLEX, float), "hexahedron": np.array(HEXAHEDRON, float),
+    "prism": np.array([(r, s, t) for t in (0, 1) for r, s, _ in _SIMPLEX[:3]], float)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,17 +171,24 @@ _FIRST = (
 
 
 def _second(name: str, plural: str, vtk: int, meshio: str, middles: Corners, points: Floats, weights: Floats) -> Cell:
-    """A cell of second order: its edges are halves, and lead from the middles of squares and of the cell to those of what bounds them."""
+    """A cell of second order; its edges are those of the eight (or four) small cells of the first that it can be cut into.
+
+    These are halves, and lead from the middles of squares and of the cell to those of what bounds them, in triangles from middle to
+    middle, and once through the inside of a tetrahedron.
+    """
     first = next(cell for cell in _FIRST if name.startswith(cell.name))
     at = {frozenset(corners): first.corners + i for i, corners in enumerate(middles)}
     edges = [half for a, b in first.edges for half in ((a, at[frozenset((a, b))]), (at[frozenset((a, b))], b))]
     edges += [(at[frozenset(small)], at[frozenset(large)]) for large in middles for small in middles
               if len(large) == 2 * len(small) and set(small) < set(large)]
+    if first.name in ("triangle", "tetrahedron"):
+        pairs = list(combinations(middles, 2))
+        inner = [pair for pair in pairs if not set(pair[0]) & set(pair[1])][:1]
+        edges += [(at[frozenset(one)], at[frozenset(other)]) for one, other in pairs if set(one) & set(other) or (one, other) in inner]
     around = [(*facet, *(at[frozenset(pair)] for pair in zip(facet, facet[1:] + facet[:1], strict=True)),
                *(at[frozenset(facet)] for _ in range(len(facet) == 4))) for facet in (first.facets if first.dimension == 3 else ())]
     simplex = first.name in ("triangle", "tetrahedron")
-    corners = np.concatenate([np.zeros((1, 3)), np.eye(3)]) if simplex else np.array(HEXAHEDRON, float)
-    places = np.array([corners[list(of)].mean(axis=0) for of in (*((i,) for i in range(first.corners)), *middles)])
+    places = np.array([CORNERS[first.name][list(of)].mean(axis=0) for of in (*((i,) for i in range(first.corners)), *middles)])
     return Cell(name, plural, first.dimension, first.corners, vtk, meshio, tuple(edges), tuple(around),
                 shape_functions=partial(_simplex, middles) if simplex else partial(_tensor, places[:, :first.dimension]),
                 points=points, weights=weights, first=first.name, middles=middles, places=places)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from physics.mesh.cell import CELLS, CURVED_TETRAHEDRON, GAUSS, HEXAHEDRON
+from physics.mesh.cell import CELLS, CORNERS, CURVED_TETRAHEDRON, GAUSS
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -235,19 +235,13 @@ def _neighbours(cells: Integers, cell: str) -> Integers:
 def _samples(cell: str) -> tuple[Floats, Floats]:
     """(Q, n, 3) gradients of the shape functions in the cell's coordinates, vertices first; (Q,) weights of the volume."""
     points, weights = CELLS[cell].points, CELLS[cell].weights
-    if cell in ("triangle", "tetrahedron"):
-        pass  # the gradients are the same everywhere
-    elif CELLS[cell].middles:
-        nodes = CELLS[cell].places
-        inner, weights = CURVED_TETRAHEDRON if cell == "tetrahedron10" else (points, weights)
-        points, weights = np.concatenate([nodes, inner]), np.concatenate([np.zeros(len(nodes)), weights])
-    elif cell == "quadrilateral":
-        points, weights = np.concatenate([HEXAHEDRON[:4], points]), np.repeat([0.0, 1 / 4], 4)
-    elif cell == "prism":
-        places = [(r, s, t) for ts in ((0.0, 1.0), GAUSS) for t in ts for r, s in ((0, 0), (1, 0), (0, 1))]
-        points, weights = np.array(places), np.repeat([0.0, 1 / 12], 6)
-    else:
-        points, weights = np.concatenate([HEXAHEDRON, points]), np.repeat([0.0, 1 / 8], 8)
+    if cell not in ("triangle", "tetrahedron"):  # whose gradients are the same everywhere
+        nodes = CELLS[cell].places if CELLS[cell].middles else CORNERS[cell]
+        if cell == "tetrahedron10":
+            points, weights = CURVED_TETRAHEDRON
+        elif cell == "prism":
+            points = np.array([(r, s, GAUSS[int(t)]) for r, s, t in nodes])
+        points, weights = np.concatenate([nodes, points]), np.concatenate([np.zeros(len(nodes)), weights])
     return CELLS[cell].shapes(points)[1], weights
 
 

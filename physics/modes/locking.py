@@ -8,15 +8,12 @@ Legend: C cells, N nodes, P points, n corners.
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 from numpy.typing import NDArray
 
 from physics.body.material import by_region, lame
-from physics.mesh.cell import CELLS, GAUSS, TRIANGLE
+from physics.mesh.cell import CELLS, CORNERS, TRIANGLE
 from physics.mesh.mesh import Mesh
-from physics.mesh.sound.cells import PLACE
 from physics.scene import Material, Materials, Scene
 
 Floats = NDArray[np.float64]
@@ -111,11 +108,10 @@ def _may_lock(scene: Scene) -> bool:
 
 def _rule(kind: str) -> tuple[Floats, Floats, Floats]:
     """Corners (n, d), sample points (P, d) and their weights (P,) of a cell."""
-    if CELLS[kind].dimension == 3:
-        return PLACE[kind], CELLS[kind].points, CELLS[kind].weights
+    d = CELLS[kind].dimension
     if kind == "triangle":
-        return np.array([(0, 0), (1, 0), (0, 1)], float), np.array(TRIANGLE), np.full(3, 1 / 6)
-    return np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float), np.array(list(product(GAUSS, repeat=2))), np.full(4, 1 / 4)
+        return CORNERS[kind][:, :d], np.array(TRIANGLE), np.full(3, 1 / 6)
+    return CORNERS[kind][:, :d], CELLS[kind].points[:, :d], CELLS[kind].weights
 
 
 def _shapes(kind: str, at: Floats) -> tuple[Floats, Floats]:

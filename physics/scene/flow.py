@@ -224,8 +224,8 @@ def _domain(body: Any) -> Any:
     """The table of a domain with the values that its shape has when they are left out."""
     if isinstance(body, dict) and body.get("shape", "channel") == "channel":
         body = with_defaults(body | {"shape": "channel"})
-        size = body["cell_size"]
-        return {"hole_cell_size": size / HOLE if isinstance(size, float) else size} | body
+        size, grows = body["cell_size"], body["cell"] == PLANE_CELLS[0]
+        return ({"hole_cell_size": size / HOLE} if grows and isinstance(size, int | float) else {}) | body
     if isinstance(body, dict) and body.get("shape") == "plate" and "cell" not in body:
         return body | {"cell": PLANE_CELLS[0]}
     return body

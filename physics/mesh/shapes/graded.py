@@ -51,7 +51,7 @@ def graded_channel(body: Body) -> Mesh:
     places = faces(points, body.extent)
     places |= {"inlet": places["x-min"], "outlet": places["x-max"], "walls": np.union1d(places["y-min"], places["y-max"]),
                "hole": np.arange(len(rim))}
-    edges = np.sort(np.stack([np.arange(len(rim)), np.roll(np.arange(len(rim)), -1)], axis=1), axis=1)
+    edges = np.sort(np.stack([np.arange(len(rim)), np.roll(np.arange(len(rim)), 1)], axis=1), axis=1)
     middle = points[edges].mean(axis=1)[:, :2] - centre
     arcs = centre + radius * middle / np.hypot(*middle.T)[:, None]
     rim_middles = {2: (edges, np.pad(arcs, ((0, 0), (0, 1))))}
@@ -111,7 +111,7 @@ def _sides(size: Size, extent: Floats) -> Floats:
 
 def _inside(size: Size, extent: Floats, centre: Floats, radius: float, boundary: int) -> Floats:
     """Where the nodes inside begin."""
-    columns, rows = (int(n) for n in np.clip(np.ceil(8 * extent / extent.min()), 8, 2000) * 8)
+    columns, rows = (int(n) for n in np.minimum(np.ceil(8 * extent / extent.min()), 2000) * 8)
     grid = (np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5, indexing="ij"), axis=-1) / [columns, rows]).reshape(-1, 2)
     grid = grid * extent
     grid = grid[np.hypot(*(grid - centre).T) > radius]
@@ -136,8 +136,8 @@ def _inside(size: Size, extent: Floats, centre: Floats, radius: float, boundary:
 
 def _relaxed(fixed: Floats, inner: Floats, size: Size, extent: Floats, centre: Floats, radius: float) -> tuple[Floats, Integers]:
     """Points (N, 2) and triangles (C, 3) when the springs have pushed."""
-    points, before = np.concatenate([fixed, inner]), np.full((len(fixed) + len(inner), 2), np.inf)
-    edges = np.empty((0, 2), np.int64)
+    points = np.concatenate([fixed, inner])
+    before = np.full_like(points, np.inf)
     for _ in range(ROUNDS):
         sizes = size(points)
         if (np.hypot(*(points - before).T) > 0.1 * sizes).any():
@@ -162,14 +162,13 @@ def _relaxed(fixed: Floats, inner: Floats, size: Size, extent: Floats, centre: F
 
 
 def _triangles(points: Floats, centre: Floats, radius: float) -> Integers:
-    """Delaunay's triangles outside of the hole, counter-clockwise."""
+    """Delaunay's triangles outside of the hole, counter-clockwise as SciPy gives them."""
     cells = Delaunay(points).simplices.astype(np.int64)
     on_rim = abs(np.hypot(*(points - centre).T) - radius) < 1e-9 * radius
     cells = cells[~on_rim[cells].all(axis=1)]
     a, b, c = (points[cells[:, i]] for i in range(3))
     area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    cells = np.where((area < 0)[:, None], cells[:, [0, 2, 1]], cells)
-    return cells[abs(area) > 1e-12 * radius**2]
+    return cells[area > 1e-12 * radius**2]
 
 
 def quality(points: Floats, cells: Integers) -> Floats:

@@ -39,7 +39,7 @@ def panel(body: Body) -> Mesh:
     loops = [np.concatenate(rings[:len(outline)]), *rings[len(outline):]]
     fixed = np.concatenate(loops)
     _check(outline, holes)
-    points, cells = _filled(fixed, _lattice(fixed, outline, holes, size), loops)
+    points, cells = _filled(fixed, _lattice(outline, holes, size), loops)
     wanted = abs(_area(loops[0])) - sum(abs(_area(loop)) for loop in loops[1:])
     found = float(_twice(points, cells).sum()) / 2
     worst = float(quality(points, cells).min()) if len(cells) else 0.0
@@ -97,7 +97,8 @@ def _check(outline: Floats, holes: Floats) -> None:
         for j in range(i + 2, len(outline) - (i == 0)):
             a, b, c, d = outline[i], ends[i], outline[j], ends[j]
             turns = [np.sign((q - p)[0] * (r - p)[1] - (q - p)[1] * (r - p)[0]) for p, q, r in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))]
-            if turns[0] * turns[1] <= 0 and turns[2] * turns[3] <= 0:
+            beside = np.minimum(np.maximum(a, b), np.maximum(c, d)) < np.maximum(np.minimum(a, b), np.minimum(c, d))  # also on one line
+            if turns[0] * turns[1] <= 0 and turns[2] * turns[3] <= 0 and not beside.any():
                 raise InputError(f"body.outline: its sides {i + 1} and {j + 1} meet")
     for k, (x, y, radius) in enumerate(holes):
         if not _inside(np.array([[x, y]]), outline)[0] or _to_sides(np.array([[x, y]]), outline)[0] <= radius:
@@ -108,7 +109,7 @@ def _check(outline: Floats, holes: Floats) -> None:
 
 
 def _inside(points: Floats, loop: Floats) -> np.ndarray:
-    """(n,) which points (n, 2) a closed line goes round."""
+    """(n,) which points (n, 2) a closed line goes round; of those on a box, the ones on its left and lower side."""
     (x, y), (ax, ay), (bx, by) = points.T[:, :, None], loop.T, np.roll(loop, -1, axis=0).T
     crosses = (ay > y) != (by > y)
     at = ax + (y - ay) * np.divide(bx - ax, by - ay, out=np.zeros_like(ax), where=by != ay)
@@ -122,7 +123,7 @@ def _to_sides(points: Floats, loop: Floats) -> Floats:
     return np.asarray(np.sqrt(((way - share[:, :, None] * along) ** 2).sum(axis=2)).min(axis=1))
 
 
-def _lattice(fixed: Floats, outline: Floats, holes: Floats, size: float) -> Floats:
+def _lattice(outline: Floats, holes: Floats, size: float) -> Floats:
     """Where the nodes inside begin: corners of equilateral triangles of a size, about the middle of the panel."""
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
     rows, columns = int((y1 - y0) / size * 2 / np.sqrt(3)) + 2, int((x1 - x0) / size) + 2
@@ -150,16 +151,14 @@ def _filled(fixed: Floats, inner: Floats, loops: list[Floats]) -> tuple[Floats, 
 
 
 def _triangles(points: Floats, loops: list[Floats]) -> Integers:
-    """Delaunay's triangles within the outline and outside of the holes, counter-clockwise."""
+    """Delaunay's triangles within the outline and outside of the holes, counter-clockwise as SciPy gives them."""
     cells = Delaunay(points).simplices.astype(np.int64)
     middle = points[cells].mean(axis=1)
     kept = _inside(middle, loops[0])
     for loop in loops[1:]:
         kept &= ~_inside(middle, loop)
     cells = cells[kept]
-    twice = _twice(points, cells)
-    cells = np.where((twice < 0)[:, None], cells[:, [0, 2, 1]], cells)
-    return np.asarray(cells[abs(twice) > 1e-12 * np.ptp(points) ** 2])
+    return np.asarray(cells[_twice(points, cells) > 1e-12 * np.ptp(points) ** 2])
 
 
 def _twice(points: Floats, cells: Integers) -> Floats:

@@ -10,11 +10,12 @@ Legend: C cells, n corners of a cell.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.mesh.cell import CELLS, GAUSS
+from physics.mesh.cell import CELLS, CORNERS
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -35,7 +36,7 @@ def by_shape(kind: str, cells: Integers) -> list[tuple[str, Integers, Integers]]
 
     The kind is "" for what is no cell at all, as a triangle with two corners.
     """
-    if CELLS[kind].dimension == 0 or (np.diff(np.sort(cells, axis=1), axis=1) != 0).all():
+    if (np.diff(np.sort(cells, axis=1), axis=1) != 0).all():
         return [(kind, np.arange(len(cells)), cells)]
     first = (cells[:, :, None] == cells[:, None, :]).argmax(axis=2)  # (C, n) where each corner is named first
     shapes, which = np.unique(first, axis=0, return_inverse=True)
@@ -64,7 +65,7 @@ def _shape(kind: str, first: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
         if len(ring) > 2:
             sides.append(ring)
     triangles = [side for side in sides if len(side) == 3]
-    if len(left) == 4 and len(sides) == len(triangles) == 4:
+    if len(left) == len(sides) == 4 and {frozenset(side) for side in sides} == {frozenset(three) for three in combinations(left, 3)}:
         base, apex = triangles[0], next(corner for corner in left if corner not in triangles[0])
         return "tetrahedron", (base[0], base[2], base[1], apex)
     if len(left) == 6 and len(triangles) == 2 and len(sides) == 5 and not set(triangles[0]) & set(triangles[1]):
@@ -132,16 +133,12 @@ def _ways(kind: str) -> list[tuple[int, ...]]:
     found = []
     for i in range(CELLS[kind].corners):
         ends = [a + b - i for a, b in CELLS[kind].edges if i in (a, b)]
-        ways = np.array([PLACE[kind][end] - PLACE[kind][i] for end in ends])
+        ways = CORNERS[kind][ends] - CORNERS[kind][i]
         found.append(tuple(ends if np.linalg.det(ways) > 0 else [ends[0], ends[2], ends[1]]))
     return found
 
 
-PLACE = {  # of the corners in a cell's own coordinates
-    "tetrahedron": np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], float),
-    "prism": np.array([(r, s, t) for t in (0, 1) for r, s in ((0, 0), (1, 0), (0, 1))], float),
-    "hexahedron": np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], float)}
-WAYS = {kind: _ways(kind) for kind in PLACE}
+WAYS = {name: _ways(name) for name, cell in CELLS.items() if cell.dimension == 3 and not cell.middles}
 
 
 def _triple(rows: Floats) -> Floats:
@@ -153,16 +150,9 @@ def _triple(rows: Floats) -> Floats:
 
 def _inside(points: Floats, cells: Integers, kind: str) -> Floats:
     """(C,) smallest Jacobian determinant over the points at which a cell is sampled."""
-    x = points[cells]
-    if kind == "triangle":
-        return _volume(points, cells, kind)[0]
-    if kind == "quadrilateral":
-        along = np.array([[-(1 - s), 1 - s, s, -s] for s in GAUSS])
-        across = np.array([[-(1 - r), -r, r, 1 - r] for r in GAUSS])
-        first, second = np.einsum("qn,cnd->cqd", along, x), np.einsum("qn,cnd->cqd", across, x)
-        return (first[:, :, None, 0] * second[:, None, :, 1] - first[:, :, None, 1] * second[:, None, :, 0]).min(axis=(1, 2))
-    jacobian = np.einsum("qne,cnd->cqed", CELLS[kind].shapes(CELLS[kind].points)[1], x)
-    return _triple(jacobian).min(axis=1)
+    d = CELLS[kind].dimension
+    jacobian = np.einsum("qne,cnd->cqed", CELLS[kind].shapes(CELLS[kind].points)[1][..., :d], points[cells][..., :d])
+    return (np.linalg.det(jacobian) if d == 2 else _triple(jacobian)).min(axis=1)
 
 
 def _volume(points: Floats, cells: Integers, kind: str) -> tuple[Floats, Floats]:

@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.mesh.cell import CELLS, GAUSS, Corners
+from physics.mesh.cell import CELLS, CORNERS, GAUSS, Corners
 from physics.mesh.formats.raw import Raw
 from physics.schema import InputError
 
@@ -26,9 +26,6 @@ Integers = NDArray[np.int64]
 Middles = dict[int, tuple[Integers, Floats]]  # number of corners k to sorted corners (E, k) and the middle nodes (E, 3) [m]
 
 STRAIGHT = 3e-5  # of an edge's length: files with few digits
-CORNERS = {"triangle": ((0, 0, 0), (1, 0, 0), (0, 1, 0)), "quadrilateral": ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)),
-           "tetrahedron": ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)),
-           "hexahedron": ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))}
 
 
 def curved(raw: Raw, number: Integers, points: Floats, cells: Integers, kind: str, scale: float, order: int) -> tuple[Middles, list[str]]:
@@ -168,11 +165,10 @@ def _slopes(kind: str, local: list[tuple[int, ...]], at: Floats) -> Floats:
             a, b = entity[0], entity[-1]
             found[:, i, :d] = slope[a] if a == b else 4 * (value[:, [a]] * slope[b] + value[:, [b]] * slope[a])
         return found
-    corners = np.array(CORNERS[kind], float)
     for i, entity in enumerate(local):
         values, slopes = np.ones((len(at), 3)), np.zeros((len(at), 3))
         for axis in range(CELLS[kind].dimension):
-            ends, x = corners[list(entity), axis], at[:, axis]
+            ends, x = CORNERS[kind][list(entity), axis], at[:, axis]
             if (ends == ends[0]).all():
                 values[:, axis], slopes[:, axis] = (x, 1.0) if ends[0] else (1 - x, -1.0)
             else:

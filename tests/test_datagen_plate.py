@@ -1,4 +1,4 @@
-"""The family deforming-plate: what its draws are like, and that they are solved."""
+"""The family plate: what its draws are like, and that they are solved."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from physics import build_mesh
 from physics.contact.obstacles import Rigid
 from physics.scene import Steps
 
-FAMILY = load_family("deforming-plate")
+FAMILY = load_family("plate")
 
 
 def test_the_obstacle_starts_before_the_body_and_is_pressed_into_it():
