@@ -1,5 +1,6 @@
 """Where networks run: what is asked for is there or refused, everything goes along, and both places say the same."""
 
+import weakref
 from dataclasses import fields, is_dataclass, replace
 
 import pytest
@@ -72,16 +73,31 @@ def test_a_graph_goes_over_with_all_that_it_has():
 
 @pytest.mark.parametrize("fits, said", [(3, "the memory of cpu does not hold it; 2 fits"), (0, "does not hold a single sample")])
 def test_a_batch_that_does_not_fit_is_refused_with_one_that_does(fits, said, file, tmp_path, monkeypatch):
-    whole = module._step
+    whole = module.take_step
 
     def step(learner, optimizer, normaliser, config, batch, group):
         if len(batch) > fits:
             raise torch.OutOfMemoryError("out of memory")
         return whole(learner, optimizer, normaliser, config, batch, group)
 
-    monkeypatch.setattr(module, "_step", step)
+    monkeypatch.setattr(module, "take_step", step)
     with pytest.raises(InputError, match=f"batch_size = 8: .*{said}"):
         train(training(SMALL["mgn"], batch_size=8, steps=2), [file], [], tmp_path / "run")
+
+
+def test_what_a_batch_too_large_has_made_is_let_go_before_a_smaller_one_is_tried(file, tmp_path, monkeypatch):
+    made, still_there = [], []
+
+    def step(learner, optimizer, normaliser, config, batch, group):
+        still_there.extend(each() is not None for each in made)
+        filling = torch.zeros(3)
+        made.append(weakref.ref(filling))
+        raise torch.OutOfMemoryError("out of memory")
+
+    monkeypatch.setattr(module, "take_step", step)
+    with pytest.raises(InputError, match="not hold a single sample"):
+        train(training(SMALL["mgn"], batch_size=4, steps=2), [file], [], tmp_path / "run")
+    assert still_there == [False] * 3  # by batches of 2 (one) and of 1 (two)
 
 
 def test_a_run_asks_for_its_device_before_any_work(file, tmp_path):

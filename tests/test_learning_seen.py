@@ -64,7 +64,8 @@ def test_a_body_alone_is_told_by_its_mesh_and_a_scene_by_its_words():
                     load=[{"where": "y-min", "traction": [0, 3.0, 0]}, {"acceleration": [0, 0, -9.81]}])
     told = description(replace(one_cell(), scene=scene.to_toml()))
     assert {name: told[name] for name in list(told)[7:]} == {
-        "Young's modulus [Pa]": 1e6, "Poisson's ratio": 0.4, "material law": "neo-hookean", "shape of the body": "beam",
+        "Young's modulus [Pa]": 1e6, "Poisson's ratio": 0.4, "density [kg/m3]": 1000.0, "material law": "neo-hookean",
+        "shape of the body": "beam",
         "supports": "x-max (y), x-min (xz)", "loads": "acceleration, y-min", "obstacle": "cylinder"}
     told = description(replace(one_cell(), scene=beam().to_toml()))
     assert (told["supports"], told["loads"], told["obstacle"]) == ("x-min (xyz)", "none", "none")

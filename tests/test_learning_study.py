@@ -125,9 +125,10 @@ def test_a_study_like_itself_is_refused(tmp_path):
 @pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda file: file.stem)
 def test_every_study_of_the_package_has_every_size(file, size):
     plan = load_plan(file.stem, size)
-    assert plan.seeds == (3 if size != "check" and file.stem != "cost" else 1) and plan.sets["data"][1].family == "beam-plane"
+    assert plan.seeds == (3 if size != "check" and file.stem != "cost" else 1)
+    assert plan.sets["data"][1].family == ("beam-materials" if file.stem == "materials" else "beam-plane")
     assert len(plan.rows) == {"main": 7, "transfer": 3, "message-steps": 6, "method": 7, "segments": 10, "generalisation": 6, "noise": 28,
-                              "cost": 7}[file.stem]
+                              "cost": 7, "materials": 2}[file.stem]
 
 
 def test_the_paper_sizes_are_the_papers():

@@ -18,7 +18,7 @@ from learning.samples.estimate import Estimate
 from learning.samples.samples import all_frames, build_example, fit_normaliser, sample
 from learning.training import train as module
 from learning.training.processes import Processes
-from learning.training.train import _step, draw, learning_rate, progress, train
+from learning.training.train import draw, learning_rate, progress, take_step, train
 from physics.schema import InputError
 from tests.synthetic import bending
 
@@ -74,7 +74,8 @@ def test_a_step_follows_the_clipped_gradient_of_the_mean_square_in_units_of_the_
     optimizer = torch.optim.SGD(network.parameters(), lr=1.0)  # the step is the gradient itself
     for weight in network.parameters():
         weight.grad = torch.full_like(weight, 7.0)  # of a step before: forgotten
-    told = _step(network, optimizer, normaliser, config, batch, SimpleNamespace(rank=rank, count=count, total=lambda value: 100 * value))
+    processes = SimpleNamespace(rank=rank, count=count, total=lambda value: 100 * value)
+    told = take_step(network, optimizer, normaliser, config, batch, processes)
     assert told == pytest.approx(100 * float(loss.detach()), rel=1e-5)
     for old, new, value in zip(before, network.parameters(), slope, strict=True):
         # float32 sums in another order
@@ -160,7 +161,7 @@ class Clock:
     def __init__(self, patch, errors=()):
         self.now, self.step, self.rates, self.errors, self.bars = 1000.0, 0, [], list(errors), []
         patch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: self.now))
-        patch.setattr(module, "_step", self.make_step)
+        patch.setattr(module, "take_step", self.make_step)
         patch.setattr(module, "rollout_error", self.error)
         patch.setattr(module, "tqdm", self.bar)
 
@@ -320,7 +321,7 @@ def test_what_holds_a_network_alone_cannot_be_resumed(clock, files, tmp_path):
 
 def test_a_loss_that_is_not_finite_stops_and_leaves_the_last_checkpoint(clock, files, tmp_path, monkeypatch):
     made = clock.make_step
-    monkeypatch.setattr(module, "_step", lambda *given: made(*given) if clock.step < 3 else math.inf)
+    monkeypatch.setattr(module, "take_step", lambda *given: made(*given) if clock.step < 3 else math.inf)
     with pytest.raises(FloatingPointError, match=r"the loss is inf at step 4, learning rate 0\.004"):  # 10^-2.4
         train(CONFIG, files, [], tmp_path)
     assert kept(tmp_path, "last") == 2 and read_checkpoint(tmp_path / "last.safetensors").about["step"] == 2
@@ -345,7 +346,7 @@ def test_with_estimates_the_network_begins_by_saying_nothing(clock, files, tmp_p
     given = []
     monkeypatch.setattr("learning.samples.samples.estimate", guessed)
     monkeypatch.setattr(module, "draw", lambda cases, frames, chance, *rest: given.append(chance) or [None] * 3)
-    monkeypatch.setattr(module, "_step", lambda *rest: 1.0)
+    monkeypatch.setattr(module, "take_step", lambda *rest: 1.0)
     train(replace(CONFIG, estimate=wanted, scheme="pose"), files, [], tmp_path)
     weights = read_checkpoint(tmp_path / "last.safetensors").weights
     assert all(bool(weights[f"decode.third.{name}"].any()) != wanted for name in ("weight", "bias"))
@@ -358,7 +359,7 @@ def test_with_estimates_the_network_begins_by_saying_nothing(clock, files, tmp_p
 def test_the_seed_of_the_network_and_of_the_draws_both_count(files, tmp_path, monkeypatch):
     def state(seed, name):
         with monkeypatch.context() as patch:
-            patch.setattr(module, "_step", lambda *rest: 1.0)
+            patch.setattr(module, "take_step", lambda *rest: 1.0)
             train(replace(CONFIG, seed=seed, steps=1), files, [], tmp_path / name)
         return read_checkpoint(tmp_path / name / "last.safetensors")
 

@@ -1,6 +1,7 @@
 """What does a network see of a frame?
 
     wants      what a network asks of a graph, and how wide that is
+    material   what is told of a body's material
     layout     which coordinates, state and further fields of a set are seen and predicted
     encoding   random walks as the place of a node or segment in its graph
     contact    pairs of nodes that are near each other

@@ -9,7 +9,7 @@ Features, with X rest positions, x current positions, v = x(t+1) - x(t) [m]; eve
 
     node            one-hot of its kind (free, obstacle, held); the v of a node whose motion is prescribed (obstacle, or
                     held), on free nodes what the scheme knows of theirs, or zero (samples/samples.py); X_i - O, x_i - X_i, with O the
-                    mean rest position of the held nodes (of the body, where none is held)
+                    mean rest position of the held nodes (of the body, where none is held); the material, where it is told (material.py)
     mesh edge       X = X_s - X_r, |X|, x - X, |x| - |X|    [m], x = x_s - x_r, s sender, r receiver
     contact edge    x, |x|                                 [m]
 
@@ -61,6 +61,7 @@ class Skeleton:
     rank: (N,) place of each node in an order along x, y, z, whatever its number
     shared: (2, M) nodes and the further segments they belong to; None without overlap
     node_code: (N, w), segment_code: (K, w) random-walk encodings; None without
+    material: (m,) what every node is told of the material; None without
     levels: coarser graphs above the mesh
     """
 
@@ -77,6 +78,7 @@ class Skeleton:
     node_code: NDArray[np.float32] | None = None
     segment_code: NDArray[np.float32] | None = None
     levels: tuple[Level, ...] = ()
+    material: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,8 @@ class Coarser:
 class Graph:
     """One frame, or several as a disjoint union.
 
-    node: (N, 3 D + 3), mesh_edge: (E, 2 D + 2), contact_edge: (W, D + 1) features; of a flow (N, k + D), (E, D + 1) and none
+    node: (N, 3 D + 3), 7 more where the material is told, mesh_edge: (E, 2 D + 2), contact_edge: (W, D + 1) features;
+        of a flow (N, k + D), (E, D + 1) and none
     mesh_pair: (2, E), contact_pair: (2, W) senders and receivers
     place: (N, 2 D) rest positions from O and displacements [m], as they stand in `node` before it is scaled
     rank: (N,) see Skeleton
@@ -178,7 +181,7 @@ def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, over
         node_code, segment_code = random_walk(graph, walk), random_walk(segment_graph(graph, label, shared), walk)
     rank = ranks(trajectory.points)
     return Skeleton(kind, layout.free(trajectory), ~trajectory.body, rest, place, pair, with_norm(vector), label, rank, shared, node_code,
-                    segment_code, hierarchy(pair, rest, rank, levels))
+                    segment_code, hierarchy(pair, rest, rank, levels), layout.told(trajectory))
 
 
 def neighbours(segment: NDArray[np.int64], pair: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -214,7 +217,8 @@ def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: ND
     change = with_norm(positions[senders] - positions[receivers]) - skeleton.rest_edge  # (E, D + 1)
     contact = (world_edges(positions, skeleton.pair, radius) if world else
                contact_edges(positions, skeleton.obstacle, radius))
-    node = np.concatenate([skeleton.kind, velocity, skeleton.place, displacement], axis=1)
+    told = [] if skeleton.material is None else [np.tile(skeleton.material, (len(positions), 1))]
+    node = np.concatenate([skeleton.kind, velocity, skeleton.place, displacement, *told], axis=1)
     return assembled(skeleton, node, np.concatenate([skeleton.rest_edge, change], axis=1), positions, displacement, contact)
 
 

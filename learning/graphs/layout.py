@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from datagen.files.trajectory import AIRFOIL, HANDLE, INFLOW, NORMAL, OBSTACLE, OUTFLOW, WALL, Trajectory
 from datagen.flow.figures import resting
+from learning.graphs.material import FEATURES, material_of
 from learning.graphs.wants import Widths
 from physics.schema import InputError
 
@@ -36,12 +37,14 @@ class Layout:
     space: D
     state: displacement or velocity
     fields, sizes: the further fields and how many numbers each has at a node
+    material: whether nodes are told the material (material.py)
     """
 
     space: int = 3
     state: str = "displacement"
     fields: tuple[str, ...] = ()
     sizes: tuple[int, ...] = ()
+    material: bool = False
 
     @property
     def flow(self) -> bool:
@@ -58,7 +61,7 @@ class Layout:
         """How wide graphs and predictions of it are."""
         d, kinds = self.space, len(self.kinds)
         node, mesh_edge = (kinds + d, d + 1) if self.flow else (kinds + 3 * d, 2 * d + 2)
-        return Widths(node=node, mesh_edge=mesh_edge, contact_edge=d + 1, space=d, further=sum(self.sizes))
+        return Widths(node=node + FEATURES * self.material, mesh_edge=mesh_edge, contact_edge=d + 1, space=d, further=sum(self.sizes))
 
     def free(self, trajectory: Trajectory) -> NDArray[np.bool_]:
         """(N,) True on the nodes whose state is predicted."""
@@ -96,19 +99,25 @@ class Layout:
             raise InputError("a flow, where the network has learned how solids move")
         if self.space == 2 and not in_plane(trajectory):
             raise InputError("a body in space, where the network has learned from bodies in a plane alone")
+        self.told(trajectory)
+
+    def told(self, trajectory: Trajectory) -> NDArray[np.float32] | None:
+        """(7,) what every node is told of the material; None without. Raises `InputError` where the file does not tell it."""
+        return material_of(trajectory) if self.material else None
 
 
 SOLID_BODY = Layout()
 
 
-def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = ()) -> Layout:
+def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = (), *, material: bool = False) -> Layout:
     """What is seen and predicted of a set: the velocity where no node ever moves and all have one, else the displacement.
 
     Args:
         fields: the further ones that are asked for
+        material: whether nodes are to be told the material
 
     Raises:
-        InputError: not all trajectories have these fields
+        InputError: not all trajectories have these fields; a flow has no material
     """
     flow = not any(map(moves, trajectories)) and all(map(_changes, trajectories))
     sizes = []
@@ -121,8 +130,11 @@ def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = ()) ->
         if flow and name == "velocity":
             raise InputError("outputs.fields: the velocity of a flow is predicted anyway")
         sizes.append(found.pop())
+    if flow and material:
+        raise InputError("inputs.material = true: is of bodies, and a fluid flows here")
     space = 2 if all(map(in_plane, trajectories)) else 3
-    return Layout(space=space, state="velocity" if flow else "displacement", fields=tuple(fields), sizes=tuple(sizes))
+    return Layout(space=space, state="velocity" if flow else "displacement", fields=tuple(fields), sizes=tuple(sizes),
+                  material=material)
 
 
 def moves(trajectory: Trajectory) -> bool:

@@ -50,6 +50,7 @@ from learning.config import TrainConfig
 from learning.graphs.flow import flow_graph
 from learning.graphs.graph import Graph, Skeleton, build_graph, build_skeleton
 from learning.graphs.layout import SOLID_BODY, Layout, layout_of, moves
+from learning.graphs.material import FEATURES
 from learning.samples.estimate import Estimate, estimate
 from learning.samples.scales import INPUTS, Moments, Normaliser
 from learning.segments.clusters import clusters_of
@@ -58,6 +59,7 @@ from learning.segments.quality import auto_segment
 from physics.schema import InputError
 
 FIT_FRAMES = 1000
+SAME_MATERIAL = 1e-6  # deviation below which a number of the material is rounding
 OFTENEST = 5.0  # times the mean that a frame may be drawn on account of its error
 SMALLEST = 1e-8  # [m] unit of a frame whose estimate leaves no force over
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"), "fidelity", "estimates")
@@ -110,7 +112,7 @@ def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: boo
     if not files:
         raise InputError("no trajectory files given")
     examples, trajectories = [], [_trajectory(path) for path in files]
-    layout = layout or layout_of(trajectories, config.outputs.fields)
+    layout = layout or layout_of(trajectories, config.outputs.fields, material=config.inputs.material)
     if not (walk or layout.flow or any(map(moves, trajectories))):
         others = ", ".join(trajectories[0].fields)
         raise InputError(f"nothing moves in this set: the displacement of every free node of its {len(files)} trajectories is zero, and "
@@ -151,7 +153,7 @@ def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArr
     Raises:
         InputError: a mesh that cannot be cut, a trajectory of another layout, a scheme that flows do not know
     """
-    layout = layout or layout_of([trajectory], config.outputs.fields)
+    layout = layout or layout_of([trajectory], config.outputs.fields, material=config.inputs.material)
     layout.check(trajectory)
     if layout.flow and (config.scheme != "step" or config.history or config.estimate):
         raise InputError('a flow is predicted step by step: scheme = "step", without history and estimate')
@@ -245,7 +247,10 @@ def fit_normaliser(examples: Sequence[Example], config: TrainConfig) -> Normalis
         moments["fields"].add(beside[torch.from_numpy(examples[which].trajectory.body)])
     floor = 1e-6 * float(moments["mesh_edge"].mean[layout.space])
     scale = moments["velocity"].mean_square.sqrt().float()
-    tables = {name: moments[name].table(floor) for name in INPUTS}
+    floors = dict.fromkeys(INPUTS, torch.full((1,), floor, dtype=torch.float64))
+    if layout.material:  # has no length in it
+        floors["node"] = torch.cat([floors["node"].expand(layout.widths.node - FEATURES), torch.full((FEATURES,), SAME_MATERIAL)])
+    tables = {name: moments[name].table(floors[name]) for name in INPUTS}
     tables["fields"] = moments["fields"].table(1e-6 * moments["fields"].mean_square.sqrt())
     return Normaliser(**tables, velocity=torch.where(scale > floor, scale, 1.0), layout=layout)
 

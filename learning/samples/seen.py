@@ -65,6 +65,7 @@ def description(trajectory: Trajectory) -> dict[str, Value]:
                  "direction of the obstacle": f"{'-' if path[-1, axis] < 0 else '+'}{'xyz'[axis]}"}
     if scene is not None:
         told |= {"Young's modulus [Pa]": scene.stiffest, "Poisson's ratio": max(material.poisson_ratio for material in scene.materials),
+                 "density [kg/m3]": max(material.density for material in scene.materials),
                  "material law": " and ".join(material.law for material in scene.materials), "shape of the body": scene.body.shape,
                  "supports": ", ".join(sorted(f"{support.where} ({support.fixed})" for support in scene.support)) or "none",
                  "loads": ", ".join(sorted(str(load.where or "acceleration") for load in scene.load)) or "none",

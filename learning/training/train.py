@@ -103,10 +103,14 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
             rate = learning_rate(config, progress(config, about.step, group.agreed(time.perf_counter() - start)))
             run.optimizer.param_groups[0]["lr"] = rate
             batch = draw(examples, frames, chance, config, run.generator)
+            loss = None
             try:
-                losses.append(_step(learner, run.optimizer, model.normaliser, config, batch, group))
+                loss = take_step(learner, run.optimizer, model.normaliser, config, batch, group)
             except torch.OutOfMemoryError:
-                raise InputError(_too_large(learner, run.optimizer, model.normaliser, config, batch)) from None
+                pass  # the error holds all that the step made, and is let go before less is tried
+            if loss is None:  # by this process alone, the others may be elsewhere
+                raise InputError(_too_large(model.network, run.optimizer, model.normaliser, config, batch))
+            losses.append(loss)
             about.step += 1
             about.seconds = group.agreed(time.perf_counter() - start)
             if not math.isfinite(losses[-1]):
@@ -152,7 +156,7 @@ def draw(examples: Sequence[Example], frames: NDArray[np.int64], chance: Tensor 
     return [(*sample(examples[which], frame, config, generator), examples[which].asked) for which, frame in drawn]
 
 
-def _step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
+def take_step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
           batch: list[tuple[Graph, Tensor, Tensor]], group: Processes) -> float:
     """One step of Adam on one batch; returns its loss."""
     components = sum(int(asked.sum()) for _, _, asked in batch)
@@ -168,7 +172,7 @@ def _step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Norm
     return group.total(loss.item())
 
 
-def _too_large(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
+def _too_large(network: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
                batch: list[tuple[Graph, Tensor, Tensor]]) -> str:
     """What to say when the device's memory does not hold a batch: how many samples it does hold, as found by halving."""
     size = len(batch) // 2
@@ -177,7 +181,7 @@ def _too_large(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser:
         if torch.cuda.is_available():
             torch.cuda.empty_cache()
         try:
-            _step(learner, optimizer, normaliser, config, batch[:size], Processes())
+            take_step(network, optimizer, normaliser, config, batch[:size], Processes())
         except torch.OutOfMemoryError:
             size //= 2
         else:
