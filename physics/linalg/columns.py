@@ -34,6 +34,7 @@ class Columns:
     def clear(self) -> None:
         self.groups: list[Integers] = []
         self._asked: Integers | None = None
+        self._answer = np.empty(0, np.int64)
         self.rows, self.half, self.compliance = np.empty(0, np.int64), np.empty((0, 0)), np.empty((0, 0))
 
     def learn(self, nodes: Integers) -> None:
