@@ -53,8 +53,9 @@ def test_a_box_has_the_diameter_of_its_closed_form():
 
 
 @pytest.mark.parametrize(("name", "count", "nodes", "mean", "std"), [
-    ("beam", 455, 1542, 41.3, 11.8), ("beam-large", 112, 4540, 82.1, 23.0),
-    ("beam-plane", 455, 771, 41.3, 11.8), ("beam-plane-large", 112, 2270, 82.1, 23.0)])
+    ("beam", 455, 1542, 41.3, 11.8), ("beam-plane", 455, 771, 41.3, 11.8),
+    pytest.param("beam-large", 112, 4540, 82.1, 23.0, marks=pytest.mark.slow),
+    pytest.param("beam-plane-large", 112, 2270, 82.1, 23.0, marks=pytest.mark.slow)])
 def test_the_families_have_the_published_figures(name, count, nodes, mean, std):
     family = load_family(name)
     plan = planned(family, counts(family))

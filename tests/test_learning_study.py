@@ -172,7 +172,7 @@ def test_a_training_stopped_at_any_step_and_between_any_two_files_comes_to_the_s
             return function(*given, **named)
         return stopping
 
-    for module, name in ((loop, "_step"), (loop, "_validate"), (work, "write_json"), (work, "step_memory"), (work, "measure")):
+    for module, name in ((loop, "take_step"), (loop, "_validate"), (work, "write_json"), (work, "step_memory"), (work, "measure")):
         monkeypatch.setattr(module, name, counted(getattr(module, name)))
     for instant in range(8):
         calls["left"] = instant % 4

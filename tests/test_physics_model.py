@@ -26,10 +26,8 @@ def touched(depth, count=10):
                    steps={"count": count})
 
 
-def finite(scene, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr(linear, "LINEAR_TOLERANCE", -1.0)
-        solution = solve(scene)
+def finite(scene):
+    solution = solve(scene, small_strain=-1.0)
     assert solution.linear_steps == 0
     return solution
 
@@ -39,8 +37,8 @@ def error_of(model):
 
 
 @pytest.mark.parametrize("scene", [tip(0.1), tip(1.0), touched(1e-6), touched(5e-6)], ids=["load", "larger", "contact", "deeper"])
-def test_small_strain_where_its_error_is_small_and_said(scene, monkeypatch):
-    solution, exact = solve(scene), finite(scene, monkeypatch)
+def test_small_strain_where_its_error_is_small_and_said(scene):
+    solution, exact = solve(scene), finite(scene)
     assert solution.linear_steps == 10
     largest = np.linalg.norm(exact.displacement[-1], axis=1).max()
     error = np.linalg.norm(solution.displacement[-1] - exact.displacement[-1], axis=1).max() / largest
@@ -65,7 +63,7 @@ def test_finite_strain_from_the_moment_it_is_needed(monkeypatch, tmp_path):
     solution = solve(scene)
     assert 10 <= solution.linear_steps < 20
     assert f"after {solution.linear_steps} steps of linear elasticity" in solution.model["kinematics"]
-    exact = finite(scene, monkeypatch)
+    exact = finite(scene)
     size = abs(exact.displacement).max(axis=(1, 2))
     # Once the obstacle has left, what remains of the displacement is the solvers' tolerance.
     assert (abs(solution.displacement - exact.displacement).max(axis=(1, 2)) <= 2 * LINEAR_TOLERANCE * size + 1e-9 * size.max()).all()
@@ -92,7 +90,7 @@ def test_what_is_solved_linearly_passes_the_check_of_data_sets():
     assert against_scene(told_otherwise)  # they are no equilibria of finite strain
 
 
-def test_the_linear_law_says_what_it_leaves_out(monkeypatch):
+def test_the_linear_law_says_what_it_leaves_out():
     """Against Saint-Venant-Kirchhoff, which has the same strain energy of the full Green-Lagrange strain."""
     material = {"young_modulus": 1e6, "poisson_ratio": 0.4}
     load = [{"where": "x-max", "traction": [0.0, 0.0, -5.0]}]
@@ -100,7 +98,7 @@ def test_the_linear_law_says_what_it_leaves_out(monkeypatch):
     solution = solve(scene)
     assert solution.linear_steps == 4 and solution.factorisations == 1
     other = beam(material={"law": "saint-venant-kirchhoff", **material}, load=load, steps={"count": 4})
-    exact = finite(other, monkeypatch).displacement[-1]
+    exact = finite(other).displacement[-1]
     error = np.linalg.norm(solution.displacement[-1] - exact, axis=1).max() / np.linalg.norm(exact, axis=1).max()
     said = float(solution.model["kinematics"].split("by about ")[1].split()[0])
     assert said == pytest.approx(error, rel=0.1)  # of first order, at an error of 1e-3

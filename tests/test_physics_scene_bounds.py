@@ -26,7 +26,8 @@ BOUNDS = {
     Load: {"traction": ("Pa", *STRONG), "acceleration": ("m/s2", *STRONG), "pressure": ("Pa", *STRONG), "factor": FACTOR},
     Obstacle: {"radius": ("m", None, None, 0, 1e9), "angle": ANGLE, "length": LENGTH, "size": LENGTH, "scale": ("", 0, None, 1e-12, 1e12),
                "path": FAR},
-    Steps: {"count": ("", None, None, 1, 1_000_000), "duration": ("s", 0, None, 1e-9, 1e9), "velocity": ("m/s", None, None, -1e9, 1e9)},
+    Steps: {"count": ("", None, None, 1, 1_000_000), "duration": ("s", 0, None, 1e-9, 1e9), "velocity": ("m/s", None, None, -1e9, 1e9),
+            "error": ("", 0, 1, None, None)},
 }
 DEFAULTS = {
     Body: {"shape": "beam", "cell": "prism", "order": 1, "element": "standard"}, Orthotropic: {},
