@@ -75,7 +75,8 @@ def test_what_a_guess_beyond_help_leads_to_the_last_state_does(case, count):
 
 
 def test_where_there_is_no_equilibrium_the_guess_stays_or_it_is_said():
-    scene = beam(load=[{"where": "x-max", "traction": [0.0, 0.0, 10.0]}])
+    scene = beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [3, 1, 1]},
+                 load=[{"where": "x-max", "traction": [0.0, 0.0, 10.0]}])
     corrector = Corrector(scene, build_mesh(scene.body))
     guess = np.where(corrector.balance.fixed, 0.0, 1e-4)
     corrector.newton.equilibrium = corrector.newton.improve = corrector.newton.polished = nowhere
