@@ -26,7 +26,7 @@ from physics.solution import Solution, solve
 Floats = NDArray[np.float64]
 
 POSES = 4  # and two for each leg of a path or row of a table
-POWER = 1.5  # of the nodes, in the cost of a step
+POWER, IDLE = 1.3, 300  # a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows
 FACTOR = 8  # Newton steps that a factor costs
 
 
@@ -91,8 +91,7 @@ class Pilots:
             count = min(4 * count, self.count)
         if found.failure:
             raise NoEquilibrium(f"on {len(mesh.points)} nodes: {found.failure}", found)
-        wide = 2 if scene.body.order == 2 else 1  # a node of second order has more neighbours
-        work = (int(found.newton_iterations.sum()) + FACTOR * found.factorisations) * (wide * len(mesh.points))**POWER
+        work = (int(found.newton_iterations.sum()) + FACTOR * found.factorisations) * (IDLE + len(mesh.points))**POWER
         frames = [round(count * (k + 1) / self.poses) for k in range(self.poses)]
         values = self.of(scene, found, frames)
         return Pilot(values, len(mesh.points), work, time.process_time() - started, values[-1:])
