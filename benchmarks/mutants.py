@@ -14,6 +14,7 @@ import difflib
 import random
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import parso.python.tree  # noqa: F401 -- before cosmic_ray, whose own imports need it complete
@@ -37,6 +38,7 @@ class Wrong:
     change: str  # the lines that differ
 
 
+@cache
 def places(path: Path) -> dict[tuple[int, int, str], list[tuple[str, int]]]:
     """Where a module can be made wrong, and how: (line, column, kind) -> [(operator, occurrence)]."""
     source = path.read_text()
