@@ -24,7 +24,7 @@ from cosmic_ray.operators.provider import OperatorProvider
 
 PACKAGES = ("physics", "datagen", "learning")
 GUARDS = ("strict", "frozen", "kw_only")  # arguments by which code guards itself, like its assertions
-LOOKS = ("alpha", "dpi", "fontsize", "indent", "labelpad", "labelsize", "line_width", "lw", "zorder",
+LOOKS = ("alpha", "dpi", "fontsize", "indent", "labelpad", "labelsize", "line_width", "lw", "markersize", "ms", "zorder",
          "ambient", "diffuse", "intensity", "opacity", "specular")
 NEAR = 4  # test files beside those named after the module
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physics.equilibrium.balance import CONTACT_STIFFNESS, GAP_TOLERANCE, Balance, cell_size
+from physics.equilibrium.balance import CONTACT_STIFFNESS, GAP_TOLERANCE, Balance, cell_size, could_be_plane
 from physics.equilibrium.state import State
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
@@ -173,3 +173,21 @@ def test_what_is_told_of_each_obstacle_is_nothing_of_one_and_zero_forces_of_two_
     assert rest.of_each(2)["reactions"].tolist() == [[0, 0, 0]] * 2
     pressed = State(0.5, np.zeros((4, 3)), np.zeros(5), reactions=np.array([[1.0, 2, 3], [4, 5, 6]]))
     assert pressed.of_each(2)["reactions"].tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def slab(cells, held, **changes):
+    """A slice 20 mm thick along y with so many cells across it, held in some directions everywhere on both of its faces."""
+    faces = [{"where": f"y-{end}", "fixed": held} for end in ("min", "max")]
+    return beam(**{"body": {"length": 0.06, "width": 0.02, "height": 0.01, "cells": [3, cells, 2], "cell": "hexahedron"},
+                   "support": [{"where": "x-min"}, *faces], "load": [{"where": "x-max", "traction": [0.0, 0.0, 1.0]}]} | changes)
+
+
+@pytest.mark.parametrize("cells, held, moved, said", [(1, "y", 0.0, True), (2, "y", 0.0, False), (1, "z", 0.0, False),
+                                                      (1, "y", 1e-4, False)])
+def test_a_slice_one_cell_thick_and_held_across_could_be_plane(cells, held, moved, said):
+    scene = slab(cells, held)
+    scene = replace(scene, support=tuple(replace(support, displacement=(0.0, moved, 0.0)) for support in scene.support))
+    told = could_be_plane(Balance(scene, build_mesh(scene.body)))
+    assert bool(told) == said
+    if said:
+        assert "one cell thick along y" in told["plane"] and 'plane = "strain", thickness = 0.02' in told["plane"]

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from physics.body.element import MID_HEIGHT, samples
+from physics.body.element import FOUR, MID_HEIGHT, samples
 from physics.mesh.cell import CELLS, GAUSS, HEXAHEDRON
 from physics.mesh.mesh import Mesh
 from physics.schema import InputError
@@ -125,3 +125,9 @@ def test_reduced_samples_mu_at_three_points_at_mid_height():
 def test_elements_that_are_not_for_these_cells_are_refused(cell, element, words):
     with pytest.raises(InputError, match=f'body.element = .{element}.: not for {words}; leave it out'):
         samples(one(cell), element)
+
+
+def test_four_points_have_all_mean_values_up_to_degree_2_on_a_cube():
+    for powers in product(range(3), repeat=3):
+        if sum(powers) <= 2:
+            assert np.prod(FOUR**powers, axis=1).mean() == pytest.approx(np.prod([1 / (p + 1) for p in powers]), abs=1e-15)

@@ -192,7 +192,7 @@ def decode(blob: bytes) -> Trajectory:
     displacement = np.zeros((frames, len(kinds), 3), np.float32)
     if "path" in arrays:
         displacement[:, kinds == OBSTACLE] = arrays["path"][:, None]
-    steps = header.pop("step", 0.0), header.pop("share_steps", [])
+    steps = header.pop("step", None), header.pop("share_steps", None)  # none where the motion is kept as it is
     displacement[:, moving] = arrays["motion"] if "motion" in arrays else _motion(arrays["shapes"], arrays["shares"], *steps)
     for name, how in header.pop("field_steps", {}).items():
         there, shapes = arrays[f"there {name}"], arrays[f"shapes {name}"]

@@ -74,8 +74,8 @@ class Rigid:
     def position(self, fraction: float) -> Floats:
         """(3,) centre [m] at a fraction 0 .. 1 of the steps; between way-points on a straight line."""
         last = bisect_right(self.reached, fraction) - 1  # way-point that was passed
-        if not 0 <= last < len(self._speed) or self.reached[last] == fraction:
-            return self.path[np.clip(last, 0, len(self._speed))]
+        if last == len(self._speed) or self.reached[last] == fraction:
+            return self.path[last]
         return self._speed[last] * (fraction - self.reached[last]) + self.path[last]
 
     def gap(self, points: Floats, centre: Floats) -> tuple[Floats, Floats]:

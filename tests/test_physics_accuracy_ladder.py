@@ -1,0 +1,87 @@
+"""Which meshes a scene that asks for an error is tried on: their numbers, elements, words, and the points that they share."""
+
+import numpy as np
+import pytest
+
+from physics.accuracy.ladder import families, points_of
+from physics.mesh.files import write_mesh
+from physics.mesh.quality import cell_volumes
+from physics.mesh.shapes.boxes import box
+from physics.scene import Body
+from tests.scenes import beam, pressed
+
+SIDES = {"length": 0.06, "width": 0.02, "height": 0.01}
+ASKED = {"count": 2, "error": 0.05}
+
+
+def under(**obstacle):
+    """A beam under a cylinder, of which an error is asked."""
+    cylinder = {"shape": "cylinder", "radius": 0.01, "path": [[0.05, 0.01, 0.03], [0.05, 0.01, 0.02]]}
+    return pressed(body=SIDES, steps=ASKED, obstacle=cylinder | obstacle)
+
+
+def test_the_coarsest_mesh_has_six_cells_along_the_longest_side_or_such_as_the_obstacle_is_wide():
+    """Cells of 10 mm; under a cylinder 4 mm wide of 8 mm, and where its nodes alone feel it of 4 mm. First order has two at least."""
+    assert [(one.order, one.base) for one in families(under())] == [(2, (6, 2, 1)), (1, (6, 2, 2))]
+    assert [one.axes for one in families(under())] == [("x", "y", "z")] * 2
+    assert [one.base for one in families(under(radius=0.002))] == [(8, 3, 2), (8, 3, 2)]
+    assert [one.base for one in families(under(radius=0.002, contact="nodes"))] == [(15, 5, 3), (15, 5, 3)]
+    assert [one.highest for one in families(under())] == [4.0, 2.0]
+
+
+def test_the_next_mesh_has_half_as_many_cells_more_along_one_direction():
+    second, first = families(under())
+    assert second.after((6, 2, 1), 0) == (9, 2, 1) and second.after((6, 2, 1), 1) == (6, 3, 1) and second.after((6, 2, 1), 2) == (6, 2, 2)
+    assert first.after((9, 3, 5), 0) == (14, 3, 5) and first.after((9, 3, 5), 1) == (9, 5, 5)
+
+
+@pytest.mark.parametrize("ratio, second, first", [(0.3, "standard", "mean-dilatation"), (0.449, "standard", "mean-dilatation"),
+                                                  (0.45, "mean-dilatation", "mean-dilatation")])
+def test_bricks_of_first_order_are_free_to_change_shape_and_stiff_bodies_at_both(ratio, second, first):
+    scene = beam(body=SIDES, material={"young_modulus": 1e6, "poisson_ratio": ratio}, steps=ASKED)
+    made = [one.rung((3, 2, 1)) for one in families(scene)]
+    assert [scene.body.element for scene, _ in made] == [second, first]
+    assert [(scene.body.cells, scene.body.order, mesh.cell) for scene, mesh in made] == [
+        ((3, 2, 1), 2, "hexahedron27"), ((3, 2, 1), 1, "hexahedron")]
+    assert all(scene.steps.error is None and scene.steps.quantity is None and scene.steps.count == 2 for scene, _ in made)
+    assert [one.said((3, 2, 1)) for one in families(scene)] == ["3 x 2 x 1 hexahedra, second order", "3 x 2 x 1 hexahedra, first order"]
+
+
+def test_a_plane_plate_keeps_its_cells_and_a_panel_has_tetrahedra():
+    plane = beam(body={"shape": "plate", "length": 0.06, "width": 0.02, "cell": "triangle"}, steps=ASKED)
+    (only,) = families(plane)
+    assert (only.order, only.base, only.axes, only.said((6, 2))) == (1, (6, 2), ("x", "y"), "6 x 2 triangles, first order")
+    scene, mesh = only.rung((6, 2))
+    assert mesh.cell == "triangle" and scene.body.element == "standard" and scene.body.cells == (6, 2)
+    panel = beam(body={"shape": "panel", "height": 0.01, "outline": [[0, 0], [0.06, 0], [0.06, 0.05], [0, 0.05]],
+                       "holes": [[0.03, 0.025, 0.004]]}, support=[{"where": "edge-4"}], steps=ASKED)
+    second, first = families(panel)  # six cells along 60 mm would be as large as the hole, so there are eight
+    assert (second.base, first.base, second.axes) == ((8, 1), (8, 2), ("in the plane", "layers"))
+    scene, mesh = second.rung((12, 1))
+    assert mesh.cell == "tetrahedron10" and scene.body.cell_size == 0.005 and scene.body.layers == 1
+    assert first.said((12, 2)) == "12 x 2 tetrahedra, first order" and first.rung((12, 2))[0].body.element == "standard"
+
+
+def test_a_files_cells_are_halved(tmp_path):
+    write_mesh(tmp_path / "box.vtu", box(Body(**SIDES, cells=(3, 2, 1), cell="tetrahedron")), {})
+    scene = beam(body={"shape": "file", "path": str(tmp_path / "box.vtu")}, steps=ASKED,
+                 support=[{"where": {"plane": [0, 0, 0], "normal": [1, 0, 0], "within": 1e-6}}])
+    second, first = families(scene)
+    assert (second.order, first.order, second.base, second.axes) == (2, 1, (1,), ("the file's cells",)) and second.after((2,), 0) == (4,)
+    assert second.said((1,)) == "the file's own, second order" and first.said((4,)) == "the file's own, first order, each side in 4"
+    meshes = [one.rung(sizes)[1] for one, sizes in ((second, (1,)), (first, (1,)), (first, (2,)))]
+    assert [(mesh.cell, len(mesh.cells)) for mesh in meshes] == [("tetrahedron10", 36), ("tetrahedron", 36), ("tetrahedron", 288)]
+    points, weights = points_of(second)  # the middles of the file's cells
+    file = meshes[1]
+    np.testing.assert_allclose(points, file.points[file.cells].mean(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(weights, cell_volumes(file.points, file.cells, "tetrahedron") / 1.2e-5, rtol=1e-9)
+
+
+def test_boxes_are_compared_at_the_middles_of_a_grid_of_ten_along_the_longest_side_and_three_at_least():
+    points, weights = points_of(families(under())[0])
+    assert points.shape == (10 * 3 * 3, 3) and np.allclose(weights, 1 / 90)
+    assert points[0] == pytest.approx([0.003, 0.02 / 6, 0.01 / 6]) and points[-1] == pytest.approx([0.057, 0.1 / 6, 0.05 / 6])
+    assert [len(np.unique(column.round(12))) for column in points.T] == [10, 3, 3]
+    plane = beam(body={"shape": "plate", "length": 0.02, "width": 0.06, "cell": "triangle"}, steps=ASKED)
+    points, weights = points_of(families(plane)[0])
+    assert points.shape == (30, 3) and not points[:, 2].any() and weights.sum() == pytest.approx(1)
