@@ -167,6 +167,18 @@ def test_a_pressure_alone_loads_a_body_and_so_does_a_turn():
     assert loaded(load=[{"where": "z-max", "pressure": 1.0}]) and loaded(load=[{"acceleration": [0, 0, 1.0]}])
 
 
+def test_what_does_not_grow_evenly_is_varied_loads_and_supports_alike():
+    push = {"where": "x-max", "traction": [0.0, 0.0, 1.0]}
+    table = {"steps": [0.0, 0.5, 1.0], "factor": [0.0, 1.0, 0.5]}
+    turn = {"where": "x-max", "axis": [1, 0, 0], "angle": 1.0}
+    assert balance(load=[push]).varied is False and balance(load=[push | table]).varied is True
+    assert balance(support=[SUPPORT[0], turn]).varied is True
+    assert balance(load=[push]).target.tolist() == np.zeros((len(balance().mesh.points), 3)).tolist()
+    moved = balance(support=[SUPPORT[0] | {"displacement": [0.0, 0.001, 0.0]}])
+    assert moved.target[moved.mesh.points[:, 0] < 1e-9].tolist() == [[0.0, 0.001, 0.0]] * int((moved.mesh.points[:, 0] < 1e-9).sum())
+    assert not moved.target[moved.mesh.points[:, 0] > 1e-9].any() and moved.varied is False
+
+
 def test_what_is_told_of_each_obstacle_is_nothing_of_one_and_zero_forces_of_two_at_rest():
     rest = State(0.0, np.zeros((4, 3)), np.zeros(5))
     assert rest.of_each(1) == rest.of_each(0) == {}
