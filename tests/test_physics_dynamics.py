@@ -87,7 +87,7 @@ def energy_lost(law):
     return solution, total_energy(solution) - fallen
 
 
-@pytest.mark.parametrize("law", ["neo-hookean", "saint-venant-kirchhoff"])
+@pytest.mark.parametrize("law", ["neo-hookean", pytest.param("saint-venant-kirchhoff", marks=pytest.mark.slow)])
 def test_energy_is_kept_over_a_hundred_periods(law):
     solution, lost = energy_lost(law)
     assert not solution.failure and abs(solution.displacement).max() > 0.025  # a quarter of its length
