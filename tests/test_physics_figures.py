@@ -4,15 +4,35 @@ import math
 
 import pytest
 
-from physics.fidelity.figures import ERROR, EXTREMES, FIGURES, MESH, PHYSICS, PUBLISHED, gathered, shown, verdict
+from physics.fidelity.figures import (
+    ERROR,
+    EXTREMES,
+    FIGURES,
+    FLOW,
+    MESH,
+    PHYSICS,
+    PUBLISHED,
+    field_columns,
+    gathered,
+    of_field,
+    shown,
+    verdict,
+)
 from physics.fidelity.verify import Fidelity
 
-TIMES = {("mm", "m"): 1e3, ("mm²", "m2"): 1e6, ("", "1"): 1}  # so many of the first are one of the second
+TIMES = {("mm", "m"): 1e3, ("mm²", "m2"): 1e6, ("", "1"): 1, **{(unit, unit): 1 for unit in ("m/s", "Pa", "1/s")}}  # of the first
+EVERY = FIGURES | FLOW | field_columns(map(of_field, ("stress", "pressure", "velocity", "heat")))
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", EVERY)
 def test_a_figure_is_shown_in_its_unit(name):
-    assert FIGURES[name].factor == TIMES[FIGURES[name].unit, FIGURES[name].si] and FIGURES[name].head and FIGURES[name].meaning
+    """As many of the first as are one of the second."""
+    assert EVERY[name].factor == TIMES[EVERY[name].unit, EVERY[name].si] and EVERY[name].head and EVERY[name].meaning
+
+
+def test_fields_have_the_units_that_are_known_of_them():
+    assert [(EVERY[of_field(name)].unit, EVERY[of_field(name)].si) for name in ("stress", "pressure", "velocity", "heat")] == [
+        ("Pa", "Pa"), ("Pa", "Pa"), ("m/s", "m/s"), ("", "1")]
 
 
 def test_every_figure_is_one_of_verify_and_stands_in_one_group():
