@@ -7,6 +7,7 @@ import pytest
 
 from physics.body.stress import nodal_stress, recovery, von_mises_of
 from physics.mesh.build import build_mesh
+from physics.mesh.cell import CELLS as KNOWN
 from physics.scene import Body
 from physics.solution import solve
 from tests.scenes import beam
@@ -73,3 +74,16 @@ def test_a_bent_beam_has_the_stress_of_beam_theory_at_its_surface(cell):
         there = (abs(points[:, 0] - x) < 1e-9) & (abs(points[:, 2] - side) < 1e-9)
         theory = np.sign(side - 0.01) * 6 * force * (0.12 - x) / 0.02**3
         np.testing.assert_allclose(sigma[there, 0, 0], theory * 32 / 33, rtol=1e-4)  # what is felt of the ends
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_of_second_order_a_linear_field_is_carried_on_to_the_nodes_and_there_is_the_mean_over_cells(cell):
+    """Each cell has its own linear field, known at its best points: all cells' first points first."""
+    mesh = build_mesh(Body(length=2.0, width=1.0, height=3.0, cells=(2, 1, 1), cell=cell, order=2))
+    best = KNOWN[mesh.cell].points if cell == "tetrahedron" else KNOWN["hexahedron"].points
+    x = np.einsum("pn,cni->pci", KNOWN[mesh.cell].shapes(best)[0], mesh.points[mesh.cells])  # (P, C, 3)
+    level = 1 + np.arange(len(mesh.cells)) ** 2
+    found = recovery(mesh) @ (x @ [1.0, -2.0, 0.5] + level).ravel()
+    for node in (0, len(mesh.points) // 2, len(mesh.points) - 1):
+        around = (mesh.cells == node).any(axis=1)
+        assert found[node] == pytest.approx(mesh.points[node] @ [1.0, -2.0, 0.5] + level[around].mean(), rel=1e-12)
