@@ -131,3 +131,18 @@ def test_four_points_have_all_mean_values_up_to_degree_2_on_a_cube():
     for powers in product(range(3), repeat=3):
         if sum(powers) <= 2:
             assert np.prod(FOUR**powers, axis=1).mean() == pytest.approx(np.prod([1 / (p + 1) for p in powers]), abs=1e-15)
+
+
+def test_dilatation_of_second_order_is_linear_in_a_cell_and_known_at_four_points():
+    """In a brick: the square of x has the slope 2 x, at each of the points of a quarter of the volume, where lambda counts and mu does not."""
+    places = CELLS["hexahedron27"].places
+    brick = Mesh(places * BOX + [7, -1, 2], np.arange(27)[None], "hexahedron27", {})
+    found = samples(brick, "mean-dilatation")
+    assert found.parts.tolist() == [[0.0, 1.0]] * 27 + [[1.0, 0.0]] * 4
+    assert found.volumes[27:, 0] == pytest.approx([30 / 4] * 4) and found.volumes[:27].sum() == pytest.approx(30)
+    slope = np.einsum("qni,n->qi", found.gradients[27:, 0], brick.points[:, 0] ** 2)
+    assert slope == pytest.approx(np.outer(2 * (FOUR[:, 0] * 2 + 7), [1, 0, 0]), abs=1e-9)
+    skew = Mesh(places * BOX * (1 + 0.2 * places[:, ::-1]), np.arange(27)[None], "hexahedron27", {})
+    of = samples(skew, "mean-dilatation")
+    centre = (of.volumes[:27] * CELLS["hexahedron27"].points).sum(axis=0)
+    assert of.volumes[27:].sum() == pytest.approx(of.volumes[:27].sum()) and (of.volumes[27:] * FOUR).sum(axis=0) == pytest.approx(centre)
