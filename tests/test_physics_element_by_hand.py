@@ -134,7 +134,7 @@ def test_four_points_have_all_mean_values_up_to_degree_2_on_a_cube():
 
 
 def test_dilatation_of_second_order_is_linear_in_a_cell_and_known_at_four_points():
-    """In a brick: the square of x has the slope 2 x, at each of the points of a quarter of the volume, where lambda counts and mu does not."""
+    """In a brick: the square of x has the slope 2 x at each of the points of a quarter of the volume, where lambda alone counts."""
     places = CELLS["hexahedron27"].places
     brick = Mesh(places * BOX + [7, -1, 2], np.arange(27)[None], "hexahedron27", {})
     found = samples(brick, "mean-dilatation")
