@@ -2,26 +2,14 @@
 
 import pytest
 
-from physics.scene import read_body, read_scene
+from physics.scene import read_body
 from physics.schema import InputError
+from tests.test_physics_scene_rules import MATERIAL, refused, scene
 from tests.tools import brick, text_of
 
-BEAM = {"length": 0.1, "width": 0.02, "height": 0.02, "cells": [4, 2, 2]}
-PLATE = {"shape": "plate", "length": 0.1, "width": 0.02, "cells": [4, 2], "cell": "triangle"}
-MATERIAL = {"young_modulus": 1e6, "poisson_ratio": 0.4}
 PANEL = {"shape": "panel", "outline": [[0, 0], [2, 0], [2, 1]], "height": 0.1, "cell_size": 0.1}
 HALF = {"box": [[0, 0, 0], [0.05, 1, 1]]}
 PATH = {"path": [[0, 0, 1]]}
-
-
-def scene(**tables):
-    return read_scene({"body": BEAM, "material": MATERIAL} | tables)
-
-
-def refused(words, **tables):
-    with pytest.raises(InputError) as caught:
-        scene(**tables)
-    assert words in str(caught.value), str(caught.value)
 
 
 def wood(ratios, moduli=(4.0, 1.0, 1.0)):
