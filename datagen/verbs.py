@@ -29,7 +29,7 @@ def add_data_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Calla
     add("--refined", type=count, default=0, help="trajectories solved again with twice the cells each way (0)")
     add("--seed", type=seed, default=0, help="of the choice of these")
     add = declared("card", "folder")
-    add("--refined", type=count, default=10, help="as for stats (10)")
+    add("--refined", type=count, help="as for stats (10, of flows 1)")
     add = declared("pack", "folder")
     add("--tolerance", type=float, help="largest error of a displacement [m] (1e-6)")
     add("--share", type=float, help="of flows: largest error of velocity and pressure, over their largest value in the "

@@ -47,6 +47,8 @@ class TrainConfig:
     history: 1 to show the last velocity too
     estimate: correct an estimate of the reduced-order model rather than predict from nothing
     frames: that are learned from in each trajectory, evenly spaced; all by default
+    bundle: of flows, frames that are told at once
+    pushed: of flows, the most of its own predictions by which a frame is reached from which the network learns to go on
     segments: how many, for networks that see them; "auto" picks the number for each body by its silhouette
     method: how segments are cut
     tau: weight of place against obstacle and modes in the cut
@@ -69,6 +71,8 @@ class TrainConfig:
     history: int = quantity(0, at_least=0, at_most=1)
     estimate: bool = False
     frames: int | None = quantity(None, at_least=1)
+    bundle: int = quantity(1, at_least=1, at_most=100)
+    pushed: int = quantity(0, at_least=0, at_most=100)
     segments: int | str = quantity(19, at_least=1, at_most=100_000, choice=("auto",))
     method: str = quantity("slic-mdod-e", choice=METHODS)
     tau: float = quantity(0.5, at_least=0)

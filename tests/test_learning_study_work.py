@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from learning.config import TrainConfig
+from learning.graphs.layout import Layout
 from learning.networks.m4gn import M4GNConfig
 from learning.study import work
 from learning.study.plan import Trial
@@ -106,7 +107,8 @@ def test_a_network_is_tested_under_the_config_that_a_test_changes(monkeypatch):
     seen = []
     monkeypatch.setattr(work, "figures", lambda predictor, paths: seen.append((predictor, paths)) or {"mc": 1.0})
     monkeypatch.setattr(work, "learned", lambda model, title: (model, title))
-    model = work.Model(TrainConfig(segments=9, tau=0.5, network=SMALL["gcn"]), None, None, "name")
+    bodies = SimpleNamespace(layout=Layout())
+    model = work.Model(TrainConfig(segments=9, tau=0.5, network=SMALL["gcn"]), None, bodies, "name")
     assert work.tested(model, Trial("t", "data", {"segments": 4, "network": {"hidden": 16}}), ["a file"]) == {"mc": 1.0}
     ((changed, title), paths), = seen
     assert (changed.config.segments, changed.config.tau, changed.config.network.hidden, changed.config.network.layers) == (4, 0.5, 16, 3)

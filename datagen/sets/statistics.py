@@ -24,6 +24,7 @@ from datagen.files.solved import solved_on
 from datagen.files.trajectory import Trajectory, read_trajectory
 from datagen.flow.check import HALF_ULP, tolerance_of
 from datagen.flow.figures import flow_figures
+from datagen.flow.refined import flow_mesh_error
 from datagen.sets import dataset
 from datagen.sets.check import precision
 from datagen.sets.plan import graph_diameter, summary
@@ -122,7 +123,7 @@ def _of_flow(trajectory: Trajectory, scene: FlowScene | None) -> dict[str, Any]:
             "seconds": seconds, "ms_per_step": 1e3 * seconds / max(1, frames)}
 
 
-def mesh_error(trajectory: Trajectory) -> dict[str, float]:
+def mesh_error(trajectory: Trajectory) -> dict[str, Any]:
     """How far a trajectory is from the same scene on cells of half the size, and from itself in fewer, larger steps.
 
     Returns:
@@ -130,6 +131,7 @@ def mesh_error(trajectory: Trajectory) -> dict[str, float]:
         mesh_relative: mesh_rmse over the root mean square displacement of the same frames
         solver_largest: largest length of the difference to the same mesh solved in other steps [m]
         seconds: of the refined solution
+        of a flow what `flow_mesh_error` gives
 
     Raises:
         RuntimeError: one of the two solutions failed, there is no scene, or its body is in motion
@@ -138,7 +140,7 @@ def mesh_error(trajectory: Trajectory) -> dict[str, float]:
         raise RuntimeError("a trajectory without a scene cannot be solved again")
     scene = scene_of(trajectory.scene)
     if isinstance(scene, FlowScene):
-        raise RuntimeError("a flow is not solved again on finer cells")
+        return flow_mesh_error(trajectory, scene)
     every = _every(scene)
     body = trajectory.body
     mine = trajectory.displacement[::every, body].astype(np.float64)  # (F, N, 3)
@@ -192,7 +194,7 @@ def _refined(folder: Path, manifest: dataset.Manifest, count: int, seed: int) ->
     path = folder / "refined.json"
     known = json.loads(path.read_text()) if path.exists() else {}
     chosen = np.random.default_rng(seed).permutation(len(manifest.trajectories))
-    rows: list[dict[str, float]] = []
+    rows: list[dict[str, Any]] = []
     for number in progress(chosen.tolist(), "solving on finer cells"):
         entry = manifest.trajectories[number]
         if entry.sha256 not in known:

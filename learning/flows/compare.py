@@ -108,6 +108,12 @@ def learned(model: Model, name: str) -> FlowPredictor:
     return FlowPredictor(name, "learned", predict)
 
 
+def scores_of(predictor: FlowPredictor, files: Sequence[Path]) -> dict[str, float]:
+    """Means over some flows of one predictor's figures; empty when it leaves one of them out."""
+    found = _measured([predictor], [read_flow_truth(file, sample=SAMPLE) for file in files], [file.stem for file in files], 1)
+    return found.rows[0].scores if found.rows else {}
+
+
 def _foreign(words: Sequence[str], files: Sequence[Path], truths: Sequence[FlowTruth]) -> FlowPredictor:
     """What the files of another program predict, read and checked."""
     name, folder, seconds = brought(words)

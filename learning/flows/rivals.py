@@ -16,15 +16,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
 
 from datagen.flow.prediction import FlowTruth
+from datagen.flow.refined import carried, coarser
 from learning.prediction.predictor import LeftOut
 from physics.fidelity.carried import reader
 from physics.fidelity.flow import nothing_changes
 from physics.flow.solution import solve_flow
-from physics.scene import FlowScene
 
 Floats = NDArray[np.float64]
 REFERENCE = "FE, the reference"
@@ -160,28 +159,10 @@ def elements(name: str, *, larger: float = 1.0, order: int | None = None) -> Flo
         velocity, pressure = found.velocity[..., :2].astype(np.float64), found.pressure[..., 0].astype(np.float64)
         if other != scene:
             carry = reader(other, truth.reference.mesh.points[:, :2])
-            velocity, pressure = _carried(carry, velocity), _carried(carry, pressure)
+            velocity, pressure = carried(carry, velocity), carried(carry, pressure)
             given = ~truth.reference.predicted
             velocity[:, given] = truth.reference.velocity[:, given]
         return FlowPath(velocity=velocity, pressure=pressure, seconds=time.process_time() - start - found.set_up, set_up=found.set_up,
                         shown=0)
 
     return FlowPredictor(name, "reference" if name == REFERENCE else "fe", predict)
-
-
-def coarser(scene: FlowScene, larger: float) -> FlowScene:
-    """The scene on cells so many times as large."""
-    if larger == 1.0:
-        return scene
-    body = scene.body
-    if body.cell_size is not None:
-        hole = None if body.hole_cell_size is None else larger * body.hole_cell_size
-        return replace(scene, body=replace(body, cell_size=larger * body.cell_size, hole_cell_size=hole))
-    return replace(scene, body=replace(body, cells=tuple(max(1, round(n / larger)) for n in body.divisions), cell_size=None))
-
-
-def _carried(carry: scipy.sparse.csr_matrix, values: Floats) -> Floats:
-    """(T, M, ...) of values (T, S, ...)."""
-    frames, nodes = values.shape[:2]
-    found = carry @ np.moveaxis(values, 1, 0).reshape(nodes, -1)
-    return np.moveaxis(found.reshape(len(found), frames, *values.shape[2:]), 0, 1)

@@ -7,8 +7,9 @@
 
 A body in a plane, its third coordinate the same everywhere and always, is seen and predicted in two. The state is predicted on free
 nodes, those that nothing prescribes; the fields on all nodes but the obstacle's, for where a body is held its stress is the largest.
+Of a flow several frames to come may be told at once: first the states of all of them, then the fields of all of them.
 
-Legend: T frames, N nodes, D space dimensions, F numbers of all fields together.
+Legend: T frames, N nodes, D space dimensions, F numbers of all fields together, b frames told at once.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ class Layout:
     state: displacement or velocity
     fields, sizes: the further fields and how many numbers each has at a node
     material: whether nodes are told the material (material.py)
+    bundle: b
     """
 
     space: int = 3
@@ -45,6 +47,7 @@ class Layout:
     fields: tuple[str, ...] = ()
     sizes: tuple[int, ...] = ()
     material: bool = False
+    bundle: int = 1
 
     @property
     def flow(self) -> bool:
@@ -61,15 +64,17 @@ class Layout:
         """How wide graphs and predictions of it are."""
         d, kinds = self.space, len(self.kinds)
         node, mesh_edge = (kinds + d, d + 1) if self.flow else (kinds + 3 * d, 2 * d + 2)
-        return Widths(node=node + FEATURES * self.material, mesh_edge=mesh_edge, contact_edge=d + 1, space=d, further=sum(self.sizes))
+        return Widths(node=node + FEATURES * self.material, mesh_edge=mesh_edge, contact_edge=d + 1, space=d, further=sum(self.sizes),
+                      frames=self.bundle)
 
     def free(self, trajectory: Trajectory) -> NDArray[np.bool_]:
         """(N,) True on the nodes whose state is predicted."""
         return np.isin(trajectory.node_kind, (NORMAL, OUTFLOW)) if self.flow else trajectory.free
 
     def asked(self, trajectory: Trajectory) -> NDArray[np.bool_]:
-        """(N, D + F) True on the numbers that are predicted."""
-        return np.repeat(np.stack([self.free(trajectory), trajectory.body], axis=1), [self.space, sum(self.sizes)], axis=1)
+        """(N, b (D + F)) True on the numbers that are predicted."""
+        numbers = [self.bundle * self.space, self.bundle * sum(self.sizes)]
+        return np.repeat(np.stack([self.free(trajectory), trajectory.body], axis=1), numbers, axis=1)
 
     def first(self, trajectory: Trajectory) -> int:
         """The frame that a rollout starts from: of a flow that begins at rest the first one in which it moves."""
@@ -80,9 +85,16 @@ class Layout:
         return (trajectory.fields["velocity"] if self.flow else trajectory.displacement)[..., :self.space]
 
     def beside(self, trajectory: Trajectory, frame: int) -> NDArray[np.float32]:
-        """(N, F) the further fields in a frame."""
+        """(N, b F) the further fields in a frame and those after it."""
         empty = np.empty((len(trajectory.points), 0), np.float32)
-        return np.concatenate([empty, *(trajectory.fields[name][frame] for name in self.fields)], axis=1)
+        frames = range(frame, frame + self.bundle)
+        return np.concatenate([empty, *(trajectory.fields[name][each] for each in frames for name in self.fields)], axis=1)
+
+    def frames_of(self, told: NDArray[Any]) -> NDArray[Any]:
+        """(b, N, D + F) what is told of each frame, from the numbers (N, b (D + F)) of a network."""
+        state, beside = np.split(told, [self.bundle * self.space], axis=1)
+        parts = [part.reshape(len(told), self.bundle, -1) for part in (state, beside)]
+        return np.concatenate(parts, axis=2).swapaxes(0, 1)
 
     def split(self, told: NDArray[Any]) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]]]:
         """Numbers (T, N, D + F) as the state in three coordinates (T, N, 3), the third one 0 in a plane, and the further fields."""
@@ -109,15 +121,16 @@ class Layout:
 SOLID_BODY = Layout()
 
 
-def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = (), *, material: bool = False) -> Layout:
+def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = (), *, material: bool = False, bundle: int = 1) -> Layout:
     """What is seen and predicted of a set: the velocity where no node ever moves and all have one, else the displacement.
 
     Args:
         fields: the further ones that are asked for
         material: whether nodes are to be told the material
+        bundle: frames told at once
 
     Raises:
-        InputError: not all trajectories have these fields; a flow has no material
+        InputError: not all trajectories have these fields; a flow has no material; of solids one frame is told at once
     """
     flow = not any(map(moves, trajectories)) and all(map(_changes, trajectories))
     sizes = []
@@ -132,9 +145,11 @@ def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = (), *,
         sizes.append(found.pop())
     if flow and material:
         raise InputError("inputs.material = true: is of bodies, and a fluid flows here")
+    if bundle > 1 and not flow:
+        raise InputError(f"bundle = {bundle}: is of flows; of solids one frame is told at once, bundle = 1")
     space = 2 if all(map(in_plane, trajectories)) else 3
     return Layout(space=space, state="velocity" if flow else "displacement", fields=tuple(fields), sizes=tuple(sizes),
-                  material=material)
+                  material=material, bundle=bundle)
 
 
 def moves(trajectory: Trajectory) -> bool:

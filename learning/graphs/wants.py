@@ -38,6 +38,7 @@ class Widths:
     """How many features nodes, mesh edges and contact edges have, and D, the components of the state that is predicted.
 
     further: numbers of all fields that are predicted beside it
+    frames: that are predicted at once
     """
 
     node: int
@@ -45,8 +46,9 @@ class Widths:
     contact_edge: int
     space: int
     further: int = 0
+    frames: int = 1
 
     @property
     def outputs(self) -> int:
         """How many numbers are predicted at a node."""
-        return self.space + self.further
+        return self.frames * (self.space + self.further)

@@ -104,13 +104,16 @@ def walk(model: Model, example: Example, correct: Correction | None = None, *,
     start: (N, D) displacement [m] of free nodes at frame 0, of which a pose knows nothing; a flow starts as the file tells
     """
     free, given, body, space = example.skeleton.free[:, None], example.states, example.trajectory.body, example.layout.space
-    predicted = np.zeros((*given.shape[:2], example.layout.widths.outputs), np.float32)
+    bundle, told = example.layout.bundle, space + sum(example.layout.sizes)
+    predicted = np.zeros((*given.shape[:2], told), np.float32)
     predicted[..., :space] = given
     at_once = BATCH if model.config.scheme == "pose" else 1
     before = now = np.where(free & (not example.layout.flow), start, given[example.layout.first(example.trajectory)]).astype(np.float64)
-    for first in range(0, len(example.targets), at_once):
-        targets = example.targets[first:first + at_once].tolist()
-        for target, found in zip(targets, _predict(model, example, targets, [now] * len(targets), [before] * len(targets)), strict=True):
+    for first in range(0, len(example.targets), at_once * bundle):
+        targets = example.targets[first:first + at_once * bundle:bundle].tolist()
+        said = _predict(model, example, targets, [now] * len(targets), [before] * len(targets))
+        frames = [frame for target in targets for frame in range(target, target + bundle)]
+        for target, found in zip(frames[:len(given) - targets[0]], said.reshape(-1, *said.shape[2:]), strict=False):
             after = np.where(free, found[:, :space], given[target])
             if correct is not None:
                 after[body] = correct(np.pad(after[body], ((0, 0), (0, 3 - space))), target)[:, :space]
@@ -140,12 +143,12 @@ def predict_step(model: Model | AtOnce, trajectory: Trajectory, *, batch_size: i
 def _steps(model: Model, example: Example, batch_size: int) -> NDArray[np.float32]:
     """(T - 1, N, O) the state one step after each true frame, with further fields."""
     true, free = example.states, example.skeleton.free
-    predicted = np.zeros((len(true) - 1, true.shape[1], example.layout.widths.outputs), np.float32)
+    predicted = np.zeros((len(true) - 1, true.shape[1], true.shape[2] + sum(example.layout.sizes)), np.float32)
     for first in range(0, len(predicted), batch_size):
         steps = list(range(first, min(first + batch_size, len(predicted))))
         found = _predict(model, example, [step + 1 for step in steps], [true[step] for step in steps],
                          [true[max(step - 1, 0)] for step in steps])
-        predicted[steps] = found
+        predicted[steps] = found[:, 0]
     predicted[..., :true.shape[2]][:, ~free] = true[1:, ~free]
     return predicted
 
@@ -159,12 +162,25 @@ def rollout_error(model: Model, example: Example) -> float:
 
 def _predict(model: Model, example: Example, targets: list[int], now: list[NDArray[np.floating]],
              before: list[NDArray[np.floating]]) -> NDArray[np.float64]:
-    """(frames, N, O) predicted states and further fields of some frames, from the states one and two frames before each."""
+    """(frames, b, N, D + F) predicted states and further fields of some frames, each with those told with it, from
+    the states one and two frames before each."""
     shown = [describe(example, target, u, v, model.config) for target, u, v in zip(targets, now, before, strict=True)]
     with torch.inference_mode(), products(model.config.network):
         graph = join([each.graph for each in shown]).to(model.normaliser.velocity.device)
         said = model.normaliser.values(model.network(model.normaliser.graph(graph)))
     outputs = said.cpu().numpy().reshape(len(targets), -1, said.shape[1])
     space = example.layout.space
-    return np.stack([np.concatenate([each.base + each.unit * output[:, :space], output[:, space:]], axis=1)
-                     for each, output in zip(shown, outputs, strict=True)])
+    told = np.stack([example.layout.frames_of(output) for output in outputs])
+    return np.stack([np.concatenate([each.base + each.unit * frames[..., :space], frames[..., space:]], axis=2)
+                     for each, frames in zip(shown, told, strict=True)])
+
+
+def pushed(model: Model, example: Example, frame: int, steps: int) -> NDArray[np.float64]:
+    """(N, D) a frame of a flow as so many predictions lead to it, each from the last, from the true frame before; or as many as fit."""
+    bundle, free, given = example.layout.bundle, example.skeleton.free[:, None], example.states
+    steps = min(steps, (frame - example.layout.first(example.trajectory)) // bundle)
+    now = given[frame - steps * bundle].astype(np.float64)
+    for target in range(frame - steps * bundle + 1, frame + 1, bundle):
+        said = _predict(model, example, [target], [now], [now])[0, -1]
+        now = np.where(free, said[:, :example.layout.space], given[target + bundle - 1])
+    return now

@@ -22,12 +22,17 @@ and u(f - 1) above is that of x'. The target is corrected: it leads from the dis
 network learns to repair. A pose has no past, and no noise.
 
 Bodies in a plane have D = 2 coordinates, others D = 3. Of a flow u above is the velocity at nodes that stay, and only the first row
-is there. Further fields, stress or pressure (graphs/layout.py), are told beside y as they are in frame f, on all nodes of the body.
+is there; where several frames f, f + 1 ... are told at once, each is u less the same base. Further fields, stress or pressure
+(graphs/layout.py), are told beside y as they are in frame f, on all nodes of the body.
+
+Disturbed frames are not what a simulator walks into. With pushed = k the frame f - 1 of a flow is shown as 0 .. k of the network's own
+predictions lead to it from an earlier true one, and noise comes on top (the pushforward of Brandstetter et al.).
 
 The normaliser (scales.py) is fitted on the training trajectories only, on samples as the training sees them, noise included.
 
-Legend: N nodes, T frames, D space dimensions, O = D + numbers of further fields.
-Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 for the correction.
+Legend: N nodes, T frames, D space dimensions, b frames told at once, O = b (D + numbers of further fields).
+Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 for the correction; Brandstetter, Worrall and Welling
+2022 (arXiv:2202.03376) for frames told at once and pushed ones.
 """
 
 from __future__ import annotations
@@ -112,13 +117,16 @@ def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: boo
     if not files:
         raise InputError("no trajectory files given")
     examples, trajectories = [], [_trajectory(path) for path in files]
-    layout = layout or layout_of(trajectories, config.outputs.fields, material=config.inputs.material)
+    layout = layout or layout_of(trajectories, config.outputs.fields, material=config.inputs.material,
+                                 bundle=config.bundle)
     if not (walk or layout.flow or any(map(moves, trajectories))):
         others = ", ".join(trajectories[0].fields)
         raise InputError(f"nothing moves in this set: the displacement of every free node of its {len(files)} trajectories is zero, and "
                          f"that is what a network learns{f'; not {others}, which is there' if others else ''}")
     for path, trajectory in zip(tqdm(files, desc="load", disable=None, leave=False), trajectories, strict=True):
-        first, last = layout.first(trajectory), len(trajectory.displacement) - 1
+        first, last = layout.first(trajectory), len(trajectory.displacement) - (1 if walk else layout.bundle)
+        if last <= first:
+            raise InputError(f"{path}: bundle = {layout.bundle}: more frames than there are to predict")
         count = last - first if walk and config.scheme == "step" else min(config.frames or last, last - first)
         targets = np.linspace(first, last, count + 1).round().astype(np.int64)[1:]
         try:
@@ -153,7 +161,7 @@ def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArr
     Raises:
         InputError: a mesh that cannot be cut, a trajectory of another layout, a scheme that flows do not know
     """
-    layout = layout or layout_of([trajectory], config.outputs.fields, material=config.inputs.material)
+    layout = layout or layout_of([trajectory], config.outputs.fields, material=config.inputs.material, bundle=config.bundle)
     layout.check(trajectory)
     if layout.flow and (config.scheme != "step" or config.history or config.estimate):
         raise InputError('a flow is predicted step by step: scheme = "step", without history and estimate')
@@ -214,20 +222,22 @@ def unit_of(answer: NDArray[np.float32], free: NDArray[np.bool_]) -> float:
     return max(SMALLEST, float(np.sqrt((answer[free].astype(np.float64)**2).sum(axis=1).mean())))
 
 
-def sample(example: Example, frame: int, config: TrainConfig, generator: torch.Generator) -> tuple[Graph, Tensor]:
+def sample(example: Example, frame: int, config: TrainConfig, generator: torch.Generator, *,
+           now: NDArray[np.floating] | None = None) -> tuple[Graph, Tensor]:
     """The graph from which the frame after a given one is predicted, and what a network should say (N, O), its state in the sample's unit.
 
     Args:
         frame: from 0 to T - 2; for scheme = "step" it is the one that is shown, disturbed
         config: its scheme, contact_radius and noise are used; without noise the frame and the generator are left alone
+        now: (N, D) what is shown in place of the frame
     """
     states, free = example.states, example.skeleton.free
-    now = states[frame].astype(np.float64)
+    now = (states[frame] if now is None else now).astype(np.float64)
     if config.noise and config.scheme == "step":
         disturbance = config.noise * torch.randn(now.shape, generator=generator).numpy()
         now = now + np.where(free[:, None], disturbance, 0.0)
     shown = describe(example, frame + 1, now, states[max(frame - 1, 0)], config)
-    target = (states[frame + 1] - shown.base) / shown.unit
+    target = np.concatenate([(state - shown.base) / shown.unit for state in states[frame + 1:frame + 1 + example.layout.bundle]], axis=1)
     beside = example.layout.beside(example.trajectory, frame + 1)
     return shown.graph, torch.from_numpy(np.concatenate([target.astype(np.float32), beside], axis=1))
 
@@ -242,7 +252,7 @@ def fit_normaliser(examples: Sequence[Example], config: TrainConfig) -> Normalis
         graph, target = sample(examples[which], frame, config, generator)
         for name in INPUTS:
             moments[name].add(getattr(graph, name))
-        state, beside = target.split([layout.space, sum(layout.sizes)], dim=1)
+        state, beside = target.split([layout.bundle * layout.space, layout.bundle * sum(layout.sizes)], dim=1)
         moments["velocity"].add(state[torch.from_numpy(examples[which].skeleton.free)].reshape(-1, 1))
         moments["fields"].add(beside[torch.from_numpy(examples[which].trajectory.body)])
     floor = 1e-6 * float(moments["mesh_edge"].mean[layout.space])

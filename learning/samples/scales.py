@@ -5,7 +5,7 @@ mean square over free nodes, so that the loss is proportional to the squared err
 each, a sideways velocity that is nothing but rounding would weigh as much as the bending. Further fields (graphs/layout.py), which
 have no natural zero, get mean and standard deviation of each number over the nodes that have one.
 
-Legend: F features, D space dimensions, O = D + further numbers at a node.
+Legend: F features, D space dimensions, b frames told at once, O = b (D + further numbers at a node).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ INPUTS = ("node", "mesh_edge", "contact_edge")
 
 @dataclass(frozen=True)
 class Normaliser:
-    """(2, F) mean and standard deviation of the features of nodes and edges; (1,) scale of the velocity [m]; (2, O - D) of further fields.
+    """(2, F) mean and standard deviation of the features of nodes and edges, (1,) scale of the velocity [m], (2, O - b D) of the fields.
 
     layout: of what the scales are
     """

@@ -11,7 +11,7 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from learning.study.table import Result, facts
+from learning.study.table import COST, Result, facts
 from physics.view import shell
 from physics.whole import write_whole
 
@@ -44,7 +44,7 @@ def curves(result: Result) -> bytes:
     """The curves of all trainings, as PNG: error in validation against steps and seconds, loss against steps."""
     figure = Figure(figsize=(13, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(1, 3)
+    panels, unit = figure.subplots(1, 3), result.columns.get("valid_equal", COST["valid_equal"]).si
     for panel, (across, up) in zip(panels, (("step", "error"), ("seconds", "error"), ("step", "loss")), strict=True):
         for number, (name, runs) in enumerate(result.curves.items()):
             for seed, lines in enumerate(runs):
@@ -52,7 +52,7 @@ def curves(result: Result) -> bytes:
                 panel.plot(*zip(*points, strict=True), color=COLOURS[number % len(COLOURS)], lw=1.2, marker="." if len(points) < 12 else "",
                            ls=("-", "--", ":", "-.")[number // len(COLOURS) % 4], label=name if not seed else None) if points else None
         panel.set(xlabel={"step": "training steps", "seconds": "seconds of training"}[across],
-                  ylabel={"error": "error in validation [m]", "loss": "loss"}[up])
+                  ylabel={"error": f"error in validation [{unit}]", "loss": "loss"}[up])
         if panel.lines:
             panel.set_yscale("log")
         panel.grid(color="#ececec", lw=0.8)

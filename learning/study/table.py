@@ -15,20 +15,21 @@ import json
 import math
 import statistics
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from learning.study.plan import Plan
-from learning.study.work import STILL, Job
+from learning.study.work import IDLE, STILL, Job
 from learning.training.curve import read_curve
-from physics.fidelity.figures import FIGURES, Column, field_columns, shown
+from physics.fidelity.figures import FIGURES, FLOW, Column, field_columns, shown
 from physics.schema import InputError, nearest
 from physics.whole import write_whole
 
-ERRORS = ("gf_h", "gf_c", "mc", "ar", "rmse_1", "rmse_50", "rmse_all")
+ERRORS = {key: FIGURES[key] for key in ("gf_h", "gf_c", "mc", "ar", "rmse_1", "rmse_50", "rmse_all")} | {key: FLOW[key] for key in (
+    "velocity_rmse_1", "velocity_rmse_50", "velocity_rmse_all", "pressure_rmse_all", "divergence", "drag_error")}
 COST = {
-    "valid_equal": Column("valid., equal time", "mm", "m", 1e3, "best RMSD of whole rollouts over the validation trajectories, up to the "
+    "valid_equal": Column("valid., equal time", "mm", "m", 1e3, "best error of whole rollouts over the validation trajectories, up to the "
                           "moment at which the quickest row was done"),
     "parameters": Column("parameters", "", "1", 1, "weights of the network"),
     "train_ms": Column("training", "ms/step", "ms", 1, "by the clock, of a step of batch_size frames, without validation where that can be "
@@ -38,7 +39,7 @@ COST = {
                      "a batch for the backward pass"),
     "hours": Column("hours", "h", "h", 1, "of training, by the clock"),
 }
-FIGURE = "rmse_all"  # by which rows are told apart
+FIGURE, OF_FLOWS = "rmse_all", "velocity_rmse_all"  # by which rows are told apart
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,11 @@ class Result:
     blown: dict[str, dict[str, int]]
     curves: dict[str, list[list[dict[str, Any]]]]
 
+    @property
+    def figure(self) -> str:
+        """The key of the error by which rows are told apart."""
+        return OF_FLOWS if OF_FLOWS in self.columns else FIGURE
+
     def heads(self) -> list[str]:
         """Of a table's columns."""
         return ["", *(f"{column.head} [{column.unit}]" if column.unit else column.head for column in self.columns.values())]
@@ -78,17 +84,18 @@ class Result:
 
     def lines(self) -> list[str]:
         """For a terminal: the error by which rows are told apart, of each test, and what can be said of it."""
-        said = [f"{self.plan.title} ({self.plan.size})"]
+        said, column = [f"{self.plan.title} ({self.plan.size})"], ERRORS[self.figure]
         for test in self.plan.tests:
-            said += [f"RMSE-all on {test.name} [mm]:"]
-            said += [f"  {name:40s} {_told(cells[test.name].get(FIGURE), FIGURES[FIGURE])}" for name, cells in self.cells.items()]
+            said += [f"{column.head} on {test.name} [{column.unit}]:"]
+            said += [f"  {name:40s} {_told(cells[test.name].get(self.figure), column)}" for name, cells in self.cells.items()]
             said += [f"  {line}" for line in self.apart(test.name)]
         return said
 
     def apart(self, test: str) -> list[str]:
         """Whether each row can be told from the best one by its spread, a sentence each."""
-        known = {name: cells[test][FIGURE] for name, cells in self.cells.items()
-                 if name != STILL and FIGURE in cells[test] and not math.isnan(cells[test][FIGURE].mean)}
+        column = ERRORS[self.figure]
+        known = {name: cell for name, cells in self.cells.items()
+                 if name not in (STILL, IDLE) and (cell := cells[test].get(self.figure)) is not None and not math.isnan(cell.mean)}
         said = [f"{name}: {count} of {self.plan.seeds} trainings led to rollouts that blow up"
                 for name, tests in self.blown.items() if (count := tests.get(test, 0))]
         if len(known) < 2:
@@ -98,7 +105,7 @@ class Result:
             if name == best:
                 continue
             difference = cell.mean - known[best].mean
-            words = f"{name} has {shown(1e3 * difference)} mm more than {best}"
+            words = f"{name} has {shown(column.factor * difference)} {column.unit} more than {best}"
             n, variance = min(cell.count, known[best].count), (cell.deviation**2 + known[best].deviation**2) / 2
             if n < 2:
                 said.append(f"{words}; one seed does not say whether that is more than chance.")
@@ -133,7 +140,10 @@ def gathered(plan: Plan, jobs: Mapping[tuple[str, int], Job], idle: dict[str, di
                 tests[name][test.name].append(json.loads(job.found(test).read_text()))
     moment = min((statistics.fmean(run["seconds"] for run in runs) for runs in trained.values() if runs), default=math.nan)
     keys = dict.fromkeys(key for of in tests.values() for scores in of.values() for each in scores for key in each)
-    columns = {key: FIGURES[key] for key in ERRORS} | field_columns(keys) | COST
+    flows = any(OF_FLOWS in scores for scores in idle.values())
+    columns = ERRORS | field_columns(keys) | COST
+    if flows:
+        columns["valid_equal"] = replace(COST["valid_equal"], unit="m/s", si="m/s", factor=1)
     cells: dict[str, dict[str, dict[str, Cell]]] = {}
     for row in plan.rows:
         cost = {"valid_equal": [_best(curve, moment) for curve in curves[row.name]]}
@@ -146,8 +156,8 @@ def gathered(plan: Plan, jobs: Mapping[tuple[str, int], Job], idle: dict[str, di
             values |= {key: [_number(scores.get(key)) for scores in found] for key in columns if key not in values}
             published = row.published.get(test.name, {})
             cells[row.name][test.name] = {key: _cell(values[key], published.get(key)) for key in columns}
-    cells[STILL] = {test.name: {key: _cell([_number(idle[test.name].get(key))], None) for key in columns if key not in COST}
-                    for test in plan.tests}
+    cells[IDLE if flows else STILL] = {
+        test.name: {key: _cell([_number(idle[test.name].get(key))], None) for key in columns if key not in COST} for test in plan.tests}
     blown = {name: {test: sum(not scores for scores in found) for test, found in of.items()} for name, of in tests.items()}
     return Result(plan, {key: column for key, column in columns.items() if _any(cells, key)}, cells, blown, curves)
 

@@ -2,7 +2,7 @@
 
     ROW/SEED/run            the training (prediction/checkpoint.py), from whose last checkpoint it goes on
     ROW/SEED/trained.json   what it took
-    ROW/SEED/on-TEST.json   figures of its rollouts over a test set: those that need no equations (physics/fidelity/figures.py)
+    ROW/SEED/on-TEST.json   figures of its rollouts over a test set (physics/fidelity/figures.py): of bodies those that need no equations
 
 The memory of a training step is what it has to hold: weights, their gradients, Adam's two moments, and what is kept of one batch for
 the backward pass. Times of training are by the clock, of whatever the machine did beside.
@@ -20,9 +20,12 @@ from typing import Any
 import torch
 
 from datagen.files.prediction import finite
-from datagen.files.trajectory import read_sound
+from datagen.files.trajectory import read_sound, read_trajectory
 from datagen.sets.dataset import files
 from learning.config import TrainConfig
+from learning.flows.compare import learned as learned_flow
+from learning.flows.compare import scores_of
+from learning.flows.rivals import trivial as trivial_flows
 from learning.graphs.graph import join
 from learning.networks.blocks import products
 from learning.prediction.checkpoint import Model, load_model
@@ -38,7 +41,7 @@ from physics.schema import read_table, to_table
 from physics.whole import write_whole
 
 SHAPES = 50  # frames of a trajectory at which the deformed mesh is looked at
-STILL = "nothing moves"
+STILL, IDLE = "nothing moves", "nothing changes"  # of bodies, of flows
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,10 @@ def tested(model: Any, test: Trial, paths: Sequence[Path]) -> dict[str, Any]:
     """Figures of a network's rollouts and single steps, means over trajectories; empty when one of them blows up."""
     assert isinstance(model, Model)
     config = read_table(TrainConfig, merged(to_table(model.config), test.change))
-    return figures(learned(Model(config, model.network, model.normaliser, model.name), model.title), paths)
+    changed = Model(config, model.network, model.normaliser, model.name)
+    if model.normaliser.layout.flow:
+        return scores_of(learned_flow(changed, model.title), paths)
+    return figures(learned(changed, model.title), paths)
 
 
 def figures(predictor: Predictor, paths: Sequence[Path]) -> dict[str, Any]:
@@ -88,7 +94,9 @@ def figures(predictor: Predictor, paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def still(paths: Sequence[Path]) -> dict[str, Any]:
-    """The same of a body that never moves."""
+    """The same of a body that never moves, or of a flow that does not change."""
+    if read_trajectory(paths[0]).flows:
+        return scores_of(next(each for each in trivial_flows() if each.name == IDLE), paths)
     return figures(next(each for each in trivial() if each.name == STILL), paths)
 
 

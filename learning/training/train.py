@@ -32,8 +32,9 @@ from learning.config import TrainConfig
 from learning.devices import device_of
 from learning.graphs.graph import Graph, join
 from learning.networks.blocks import products
+from learning.prediction.checkpoint import Model
 from learning.prediction.memory import keep_freed_memory
-from learning.prediction.rollout import rollout_error
+from learning.prediction.rollout import pushed, rollout_error
 from learning.samples.samples import Example, all_frames, chances, load_examples, sample
 from learning.samples.scales import Normaliser
 from learning.samples.seen import seen, write_seen
@@ -102,7 +103,7 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
         while not ended:
             rate = learning_rate(config, progress(config, about.step, group.agreed(time.perf_counter() - start)))
             run.optimizer.param_groups[0]["lr"] = rate
-            batch = draw(examples, frames, chance, config, run.generator)
+            batch = draw(examples, frames, chance, config, run.generator, model)
             loss = None
             try:
                 loss = take_step(learner, run.optimizer, model.normaliser, config, batch, group)
@@ -146,14 +147,22 @@ def progress(config: TrainConfig, step: int, seconds: float) -> float:
 
 
 def draw(examples: Sequence[Example], frames: NDArray[np.int64], chance: Tensor | None, config: TrainConfig,
-         generator: torch.Generator) -> list[tuple[Graph, Tensor, Tensor]]:
-    """A batch: of each sample its graph, its target (N, O) and which of these numbers are asked for."""
+         generator: torch.Generator, model: Model | None = None) -> list[tuple[Graph, Tensor, Tensor]]:
+    """A batch: of each sample its graph, its target (N, O) and which of these numbers are asked for.
+
+    model: whose predictions lead to frames, where the config has them pushed
+    """
     if chance is None:
         picked = torch.randint(len(frames), (config.batch_size,), generator=generator)
     else:
         picked = torch.multinomial(chance, config.batch_size, replacement=True, generator=generator)
     drawn = frames[picked.numpy()].tolist()
-    return [(*sample(examples[which], frame, config, generator), examples[which].asked) for which, frame in drawn]
+    shown: list[NDArray[np.float64] | None] = [None] * len(drawn)
+    if config.pushed and model is not None:
+        steps = torch.randint(config.pushed + 1, (len(drawn),), generator=generator).tolist()
+        shown = [pushed(model, examples[which], frame, count) for (which, frame), count in zip(drawn, steps, strict=True)]
+    return [(*sample(examples[which], frame, config, generator, now=now), examples[which].asked)
+            for (which, frame), now in zip(drawn, shown, strict=True)]
 
 
 def take_step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
