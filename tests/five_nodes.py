@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, write_trajectory
+from datagen.files.trajectory import HANDLE, INFLOW, NORMAL, OBSTACLE, OUTFLOW, WALL, Trajectory, write_trajectory
 from datagen.sets import dataset
 
 UNIT = 2.0**-10  # [m] of displacements below: their multiples are exact in single precision
@@ -35,6 +35,22 @@ def tiny(**changes) -> Trajectory:
                    "relative_residual": np.array([0, 1e-3, 1e-4])},
         seed=3, index=7, versions={"numpy": "1"}, commit="abc", extra={"seconds": 6.0})
     return dataclasses.replace(made, **changes)
+
+
+def square_flow() -> Trajectory:
+    """A flow on a square of four triangles, nine frames.
+
+    Node n has velocity (t^2, n t) / 16 and pressure t + n / 8 in frame t, but where velocity is given.
+    """
+    t, n = np.meshgrid(np.arange(9), np.arange(5), indexing="ij")
+    velocity = np.stack([t**2, n * t, 0 * t], axis=2) / 16
+    velocity[:, [0, 1, 3]] = [[1, 0, 0], [0, 0, 0], [0, 0, 0]]
+    return tiny(
+        points=np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 0]], float),
+        connectivity=np.array([0, 1, 4, 1, 2, 4, 2, 3, 4, 3, 0, 4]), offsets=np.array([0, 3, 6, 9, 12]), types=np.full(4, 5, np.uint8),
+        node_kind=np.array([INFLOW, WALL, OUTFLOW, WALL, NORMAL], np.uint8), displacement=np.zeros((9, 5, 3), np.float32),
+        modes=np.zeros((0, 5, 3), np.float32), frequencies_hz=(), per_frame={}, scene="",
+        fields={"velocity": velocity.astype(np.float32), "pressure": (t + n / 8)[..., None].astype(np.float32)})
 
 
 def write_set(folder, trajectories, *, family='name = "tiny"\n[body]\nlength = 0.5\n', seed=3) -> dataset.Manifest:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from datagen.files.trajectory import INFLOW, NORMAL, OUTFLOW, WALL, write_trajectory
+from datagen.files.trajectory import write_trajectory
 from learning.config import Outputs, TrainConfig
 from learning.graphs.layout import layout_of
 from learning.networks.rivals.gcn import GCNConfig
@@ -14,23 +14,10 @@ from learning.samples.samples import all_frames, build_example, fit_normaliser, 
 from learning.samples.scales import INPUTS, Normaliser
 from learning.training.train import draw, train
 from physics.schema import InputError
-from tests.five_nodes import tiny
+from tests.five_nodes import square_flow, tiny
 
-FRAMES, FREE = 9, [2, 4]
+FREE = [2, 4]
 CONFIG = TrainConfig(bundle=3, noise=0.0, outputs=Outputs(fields=("pressure",)), network=GCNConfig(hidden=4, layers=1))
-
-
-def flow():
-    """A square of four triangles. Node n has velocity (t^2, n t) / 16 and pressure t + n / 8 in frame t, but where velocity is given."""
-    t, n = np.meshgrid(np.arange(FRAMES), np.arange(5), indexing="ij")
-    velocity = np.stack([t**2, n * t, 0 * t], axis=2) / 16
-    velocity[:, [0, 1, 3]] = [[1, 0, 0], [0, 0, 0], [0, 0, 0]]
-    return tiny(
-        points=np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 0]], float),
-        connectivity=np.array([0, 1, 4, 1, 2, 4, 2, 3, 4, 3, 0, 4]), offsets=np.array([0, 3, 6, 9, 12]), types=np.full(4, 5, np.uint8),
-        node_kind=np.array([INFLOW, WALL, OUTFLOW, WALL, NORMAL], np.uint8), displacement=np.zeros((FRAMES, 5, 3), np.float32),
-        modes=np.zeros((0, 5, 3), np.float32), frequencies_hz=(), per_frame={}, scene="",
-        fields={"velocity": velocity.astype(np.float32), "pressure": (t + n / 8)[..., None].astype(np.float32)})
 
 
 class Told(torch.nn.Module):
@@ -48,7 +35,7 @@ def model(trajectory, config=CONFIG):
 
 
 def test_a_target_is_the_change_to_each_of_the_frames_and_then_their_pressures():
-    example = build_example(flow(), CONFIG)
+    example = build_example(square_flow(), CONFIG)
     graph, target = sample(example, 2, CONFIG, torch.Generator())
     assert example.layout.widths.outputs == target.shape[1] == 9 and example.asked.shape == (5, 9)
     # node 4 from frame 2 to 3, 4 and 5: (9 - 4, 4), (16 - 4, 8), (25 - 4, 12) sixteenths; pressures 3.5, 4.5, 5.5
@@ -58,7 +45,7 @@ def test_a_target_is_the_change_to_each_of_the_frames_and_then_their_pressures()
 
 
 def test_one_scale_holds_for_all_frames_told_at_once():
-    example = build_example(flow(), CONFIG, targets=np.array([2, 6]))
+    example = build_example(square_flow(), CONFIG, targets=np.array([2, 6]))
     changes = [[((f + j) ** 2 - f**2, n * j) for f in (1, 5) for j in (1, 2, 3)] for n in FREE]
     found = fit_normaliser([example], CONFIG)
     assert found.velocity.shape == (1,) and found.fields.shape == (2, 3)
@@ -67,7 +54,7 @@ def test_one_scale_holds_for_all_frames_told_at_once():
 
 
 def test_frames_are_learned_from_that_have_all_frames_after_them(tmp_path):
-    write_trajectory(tmp_path / "0000.vtkhdf", flow())
+    write_trajectory(tmp_path / "0000.vtkhdf", square_flow())
     frames = all_frames(load_examples([tmp_path / "0000.vtkhdf"], CONFIG))
     assert frames[:, 1].tolist() == [1, 2, 3, 4, 5]  # from 5 on to 6, 7 and 8, the last
     walked = load_examples([tmp_path / "0000.vtkhdf"], CONFIG, walk=True)
@@ -80,21 +67,21 @@ def test_frames_are_learned_from_that_have_all_frames_after_them(tmp_path):
 
 def test_a_rollout_goes_on_from_the_last_of_the_frames_told_at_once():
     """From frame 1 on frames 2, 3 and 4 are 1, 2 and 3 changes on, 5 again one more than 4; the last bundle is cut off at the end."""
-    truth = flow()
+    truth = square_flow()
     found = rollout(model(truth), truth)
-    for frame in range(2, FRAMES):
+    for frame in range(2, 9):
         np.testing.assert_array_equal(found.fields["velocity"][frame, 4, :2], [1 / 16 + frame - 1, 4 / 16 + 2 * (frame - 1)])
     np.testing.assert_array_equal(found.fields["pressure"][2:, 4, 0], [10, 20, 30, 10, 20, 30, 10])
     np.testing.assert_array_equal(found.fields["velocity"][:, [0, 1, 3]], truth.fields["velocity"][:, [0, 1, 3]])
 
 
 def test_a_single_step_is_the_first_of_the_frames_told_at_once():
-    truth = flow()
+    truth = square_flow()
     np.testing.assert_array_equal(predict_step(model(truth), truth)[3, 4, :2], truth.fields["velocity"][3, 4, :2] + [1, 2])
 
 
 def test_a_pushed_frame_is_what_predictions_lead_to_from_the_frames_before():
-    truth = flow()
+    truth = square_flow()
     example = build_example(truth, CONFIG)
     true = example.states.astype(float)
     for frame, steps, start, change in ((5, 0, 5, 0), (5, 1, 2, 3), (7, 2, 1, 6), (5, 2, 2, 3), (3, 1, 3, 0)):  # as many as fit
@@ -105,7 +92,7 @@ def test_a_pushed_frame_is_what_predictions_lead_to_from_the_frames_before():
 
 def test_a_batch_shows_pushed_frames_and_asks_for_the_true_ones_after_them():
     config = TrainConfig(bundle=3, pushed=1, noise=0.0, batch_size=64, outputs=CONFIG.outputs, network=CONFIG.network)
-    truth = flow()
+    truth = square_flow()
     example = build_example(truth, config, targets=np.array([6]))  # frame 5 is shown, frame 2 leads to it
     batch = draw([example], all_frames([example]), None, config, torch.Generator().manual_seed(0), model(truth, config))
     seen = {tuple(graph.node[4, -2:].tolist()): target[4, :2].tolist() for graph, target, _ in batch}
@@ -115,7 +102,7 @@ def test_a_batch_shows_pushed_frames_and_asks_for_the_true_ones_after_them():
 
 
 def test_a_training_on_pushed_frames_stopped_and_gone_on_with_comes_to_the_same_weights(tmp_path):
-    write_trajectory(tmp_path / "0000.vtkhdf", flow())
+    write_trajectory(tmp_path / "0000.vtkhdf", square_flow())
     config = TrainConfig(bundle=2, pushed=2, noise=0.01, batch_size=2, steps=6, validate_every=3, network=CONFIG.network)
     train(config, [tmp_path / "0000.vtkhdf"], [tmp_path / "0000.vtkhdf"], tmp_path / "whole")
     train(config, [tmp_path / "0000.vtkhdf"], [tmp_path / "0000.vtkhdf"], tmp_path / "cut", steps=3)

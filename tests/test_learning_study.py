@@ -11,18 +11,19 @@ import torch
 
 import fidelity
 from datagen.files.prediction import finite
-from learning.config import TrainConfig
+from learning.config import Outputs, TrainConfig
 from learning.networks.m4gn import M4GNConfig
+from learning.networks.rivals.bsms import BSMSConfig
 from learning.networks.rivals.gcn import GCNConfig
 from learning.networks.rivals.mgn import MGNConfig
 from learning.study import work
 from learning.study.plan import FOLDER, SIZES, Trial, load_plan
 from learning.study.run import run_study
-from learning.study.table import Cell, gathered, markdown
-from learning.study.work import Job, carried_out, step_memory, step_ms
+from learning.study.table import Cell, check_published, gathered, markdown
+from learning.study.work import Job, carried_out, step_memory, step_ms, still
 from learning.training import train as loop
 from physics.schema import InputError
-from tests.five_nodes import write_set
+from tests.five_nodes import square_flow, write_set
 from tests.synthetic import bending
 
 TINY = """
@@ -126,9 +127,10 @@ def test_a_study_like_itself_is_refused(tmp_path):
 def test_every_study_of_the_package_has_every_size(file, size):
     plan = load_plan(file.stem, size)
     assert plan.seeds == (3 if size != "check" and file.stem != "cost" else 1)
-    assert plan.sets["data"][1].family == ("beam-materials" if file.stem == "materials" else "beam-plane")
+    flows = "cylinder-flow-small" if size == "check" else "cylinder-flow"
+    assert plan.sets["data"][1].family == {"materials": "beam-materials", "flow": flows}.get(file.stem, "beam-plane")
     assert len(plan.rows) == {"main": 7, "transfer": 3, "message-steps": 6, "method": 7, "segments": 10, "generalisation": 6, "noise": 28,
-                              "cost": 7, "materials": 2}[file.stem]
+                              "cost": 7, "materials": 2, "flow": 7}[file.stem]
 
 
 def test_the_paper_sizes_are_the_papers():
@@ -139,6 +141,22 @@ def test_the_paper_sizes_are_the_papers():
     assert load_plan("main", "paper").sets["data"][1].splits == {"train": 355, "valid": 40, "test": 60}
     small = load_plan("main", "small")  # 20 000 samples, 120 beams
     assert all(row.config.steps * row.config.batch_size == 20_000 for row in small.rows) and small.sets["data"][1].train == 120
+
+
+def test_the_paper_sizes_of_flows_are_the_papers():
+    # Lei et al., appendices "Training Details", "M4GN Configurations", "Baselines": CylinderFlow; its set has 1000 / 100 / 100
+    plan = load_plan("flow", "paper")
+    rows = {row.name: row for row in plan.rows}
+    common = TrainConfig(modes="laplacian", mode_count=6, tau=1.0, noise=0.02, segments=36, steps=2_000_000, validate_every=20_000,
+                         outputs=Outputs(fields=("pressure",)))
+    assert rows["M4GN"].config == replace(common, overlap=1, network=M4GNConfig(walk=16))
+    assert rows["BSMS-GNN"].config == replace(common, network=BSMSConfig(levels=7))
+    published = rows["M4GN"].published["test"]
+    assert published["velocity_rmse_50"] == (60.2e-4, 2.4e-4) and published["velocity_rmse_all"] == (337e-4, 21e-4)
+    assert rows["BSMS-GNN"].published["test"]["velocity_rmse_1"] == (181e-5, 22e-5)
+    assert {key: published[key][0] for key in ("train_ms", "test_ms", "memory", "hours")} == {
+        "train_ms": 56.2, "test_ms": 20.0, "memory": 366.6e6, "hours": 31.2}
+    assert plan.sets["data"][1].splits == {"train": 1000, "valid": 100, "test": 100}
 
 
 # ---- trainings
@@ -283,3 +301,30 @@ def test_a_study_is_carried_out_once_and_its_folder_is_its_own(tmp_path, data, c
     with pytest.raises(InputError, match=r"^row 'plain': published\.rmse_al: no such figure; did you mean 'rmse_all'\? there are gf_h, "):
         run_study(written(tmp_path, study.read_text().replace("rmse_all", "rmse_al")), tmp_path / "new", size="check", data=data)
     assert not (tmp_path / "new").exists()
+
+
+def test_a_study_of_flows_tells_errors_of_the_velocity(tmp_path):
+    """Nodes 2 and 4 have (t^2, n t) / 16 m/s: what does not change from frame 1 on is (t^2 - 1, n t - n) / 16 off in frames 2 to 8."""
+    write_set(tmp_path / "data", {f"{split}/0000.vtkhdf": square_flow() for split in ("train", "valid", "test")})
+    plan = load_plan(written(tmp_path, """
+[[row]]
+name = "net"
+published = { velocity_rmse_all = [0.5, 0.25] }
+set = { bundle = 2, pushed = 1, network = { kind = "gcn", hidden = 4, layers = 1 } }
+[check]
+data = { family = "cylinder-flow-small", train = 1, valid = 1, test = 1 }
+set = { steps = 2, validate_every = 1, batch_size = 2, noise = 0.01, outputs = { fields = ["pressure"] } }
+"""), "check")
+    check_published(plan)
+    jobs = jobs_in(tmp_path / "runs", plan, tmp_path / "data")
+    carried_out(jobs["net", 0])
+    found = gathered(plan, jobs, {"test": still([tmp_path / "data" / "test" / "0000.vtkhdf"])})
+    off = [[(t * t - 1) / 16, n * (t - 1) / 16] for t in range(2, 9) for n in (2, 4)]
+    idle = math.sqrt(sum(a * a + b * b for a, b in off) / (2 * len(off)))
+    assert found.cells["nothing changes"]["test"]["velocity_rmse_all"].mean == pytest.approx(idle, rel=1e-6)
+    assert found.figure == "velocity_rmse_all" and found.columns["valid_equal"].unit == "m/s" and "rmse_all" not in found.columns
+    assert found.cells["net"]["test"]["velocity_rmse_all"].published == (0.5, 0.25) and found.cells["net"]["test"]["valid_equal"].mean > 0
+    assert found.lines()[1:4:2] == ["RMSE-all on test [m/s]:", f"  {'nothing changes':40s} {idle:.3g}"] and set(found.cells) == {
+        "net", "nothing changes"}
+    head, row = (line for line in markdown(found).splitlines() if line.startswith(("|  |", "| nothing changes")))
+    assert row.split("|")[head.split("|").index(" RMSE-all [m/s] ")] == f" {idle:.3g} "
