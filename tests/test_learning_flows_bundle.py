@@ -110,3 +110,8 @@ def test_a_training_on_pushed_frames_stopped_and_gone_on_with_comes_to_the_same_
     whole, cut = (load_model(tmp_path / name) for name in ("whole", "cut"))
     assert all(torch.equal(a, b) for a, b in zip(whole.network.parameters(), cut.network.parameters(), strict=True))
     assert whole.normaliser.layout.bundle == 2
+
+
+def test_frames_of_bodies_are_not_pushed():
+    with pytest.raises(InputError, match="pushed = 2: is of flows"):
+        build_example(tiny(), TrainConfig(pushed=2, network=GCNConfig()))

@@ -78,8 +78,9 @@ def test_everything_that_predicts_a_flow_stands_in_one_report(folder, tmp_path):
     said = []
     found = compare_flows([folder / "test" / "0000.vtkhdf"], [folder / "run"], tmp_path / "report", say=said.append)
     rows = {row["name"]: row["scores"] for row in found["rows"]}
-    assert list(rows) == ["M4GN", "nothing changes", "the last period again", "dynamic mode decomposition", "FE, cells 1.5 times as large",
-                          "FE, cells twice as large", "FE, cells three times as large", "FE, velocity of order 2", "FE, the reference"]
+    assert list(rows) == ["M4GN", "M4GN, divergence taken out", "nothing changes", "the last period again", "dynamic mode decomposition",
+                          "FE, cells 1.5 times as large", "FE, cells twice as large", "FE, cells three times as large",
+                          "FE, velocity of order 2", "FE, the reference"]
     truth = read_flow_truth(folder / "test" / "0000.vtkhdf").reference
     step = np.diff(truth.velocity[1:, truth.predicted], axis=0)
     assert rows["nothing changes"]["velocity_rmse_1"] == pytest.approx(np.sqrt((step**2).mean()))
@@ -88,8 +89,10 @@ def test_everything_that_predicts_a_flow_stands_in_one_report(folder, tmp_path):
     assert rows["FE, the reference"]["velocity_rmse_all"] == 0 < rows["FE, the reference"]["momentum_residual"]
     assert rows["the last period again"]["velocity_rmse_all"] is None and rows["the last period again"]["velocity_rmse_late"] > 0
     assert rows["FE, cells 1.5 times as large"]["velocity_rmse_late"] < rows["FE, cells three times as large"]["velocity_rmse_late"]
+    assert rows["M4GN, divergence taken out"]["divergence"] < 1e-3 * rows["M4GN"]["divergence"]
+    assert rows["M4GN, divergence taken out"]["flux_error"] < 0.2 * rows["M4GN"]["flux_error"]
     assert found["summary"].startswith("M4GN: over 50 steps")
-    assert said[1].startswith("M4GN") and len(said) == 11
+    assert said[1].startswith("M4GN") and len(said) == 12
     assert json.loads((tmp_path / "report" / "report.json").read_text())["rows"] == found["rows"]
     assert Image.open(tmp_path / "report" / "pareto.png").size[0] > 800
     assert Image.open(tmp_path / "report" / "vorticity.gif").n_frames == 29

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from datagen.files.prediction import find_prediction
 from datagen.flow.prediction import FlowTruth, fields_of, read_flow_prediction, read_flow_truth
 from learning.devices import one_core
+from learning.flows.divergence import without_divergence
 from learning.flows.report import ERRORS, FlowReport, write_flow_report
 from learning.flows.rivals import REFERENCE, FlowPath, FlowPredictor, elements, trivial
 from learning.prediction.checkpoint import Model, load_model
@@ -31,6 +33,7 @@ from learning.report.table import Row
 from physics.fidelity.figures import gathered
 from physics.schema import InputError
 
+Floats = NDArray[np.float64]
 SAMPLE = 40  # frames whose equations are looked at
 LONG = 1.0  # [s]: what takes longer is timed once
 
@@ -72,7 +75,8 @@ def compare_flows(files: Sequence[Path], runs: Sequence[str | Path], out: str | 
     names = called(models)
     truths = [read_flow_truth(file, sample=SAMPLE) for file in files]
     own = [_foreign(words, files, truths) for words in predictions]
-    every = [*own, *(learned(model, names[run]) for run, model in models.items()), *trivial(),
+    nets = [learned(model, names[run], solenoidal=freed) for freed in (False, True) for run, model in models.items()]
+    every = [*own, *nets, *trivial(),
              elements("FE, cells 1.5 times as large", larger=1.5), elements("FE, cells twice as large", larger=2.0),
              elements("FE, cells three times as large", larger=3.0), elements("FE, velocity of order 2", order=2), elements(REFERENCE)]
     every = [predictor for predictor in every if not only or predictor.kind in (*only, "reference", "foreign")]
@@ -91,21 +95,34 @@ def compare_flows(files: Sequence[Path], runs: Sequence[str | Path], out: str | 
     return {**content, "report": str(out)}
 
 
-def learned(model: Model, name: str) -> FlowPredictor:
-    """A network's own rollout, and with it single steps from true states, whose time does not count."""
+def learned(model: Model, name: str, *, solenoidal: bool = False) -> FlowPredictor:
+    """A network's own rollout, and with it single steps from true states, whose time does not count; on request the divergence is taken
+    out of each frame of the rollout (divergence.py), and there are no single steps."""
 
     def predict(truth: FlowTruth) -> FlowPath:
         start, began = time.process_time(), time.perf_counter()
+        correct = None
+        if solenoidal:
+            freed = None if truth.scene is None or truth.scene.body.shape == "file" else without_divergence(
+                truth.scene, truth.reference.predicted)
+            if freed is None:
+                raise LeftOut("the file does not hold the nodes of quadratic functions on cells that a scene builds")
+
+            correct = partial(_in_plane, freed)
         try:
-            made = rollout(model, truth.trajectory)
+            made = rollout(model, truth.trajectory, correct=correct)
         except FloatingPointError as error:
             raise LeftOut(f"it blows up: {error}") from None
         seconds, set_up = seconds_of(made, start, began)
         velocity, pressure = fields_of(made)
-        steps = predict_step(model, truth.trajectory)[truth.first:, :, :2].astype(np.float64)
+        steps = None if solenoidal else predict_step(model, truth.trajectory)[truth.first:, :, :2].astype(np.float64)
         return FlowPath(velocity=velocity, pressure=pressure, one_step=steps, seconds=seconds, set_up=set_up, shown=truth.first)
 
-    return FlowPredictor(name, "learned", predict)
+    return FlowPredictor(f"{name}, divergence taken out", "hybrid", predict) if solenoidal else FlowPredictor(name, "learned", predict)
+
+
+def _in_plane(freed: Callable[[Floats], Floats], velocity: Floats, frame: int) -> Floats:
+    return np.pad(freed(velocity[:, :2]), ((0, 0), (0, 1)))
 
 
 def scores_of(predictor: FlowPredictor, files: Sequence[Path]) -> dict[str, float]:

@@ -165,6 +165,8 @@ def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArr
     layout.check(trajectory)
     if layout.flow and (config.scheme != "step" or config.history or config.estimate):
         raise InputError('a flow is predicted step by step: scheme = "step", without history and estimate')
+    if config.pushed and not layout.flow:
+        raise InputError(f"pushed = {config.pushed}: is of flows; a body's frames are shown as they are, pushed = 0")
     if targets is None:
         targets = np.arange(layout.first(trajectory) + 1, len(trajectory.displacement))
     wants, label = config.network.wants, segments_of(trajectory, config)
