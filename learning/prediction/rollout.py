@@ -32,18 +32,21 @@ from learning.networks.blocks import products
 from learning.prediction.checkpoint import Model
 from learning.samples.estimate import estimate
 from learning.samples.samples import Example, build_example, describe
+from physics.fidelity.along import corrected_path
 
 BATCH = 8  # poses, or single steps, at a time
 # Takes displacements (N, 3) of the body [m] and the number of their frame, and gives better ones.
 Correction = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 
-def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correction | None = None) -> Trajectory:
+def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correction | None = None, share: float = 0.0) -> Trajectory:
     """The predicted trajectory, from the rest state to the last frame.
 
     Args:
         trajectory: geometry, node kinds, modes, and the motion of prescribed nodes; the motion of free nodes is not used
         correct: corrects each predicted frame, from which the next one is then predicted
+        share: where all frames are predicted at once, of the way from a prediction that corrections leave; 0 corrects each frame
+            (physics/fidelity/along.py)
 
     Returns:
         the same trajectory with the predicted displacement and fields, its segments, without what only a solver knows, and with
@@ -55,7 +58,7 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
     """
     if isinstance(model, AtOnce):
         SOLID_BODY.check(trajectory)
-        return _rolled_out_at_once(model, trajectory, correct)
+        return _rolled_out_at_once(model, trajectory, correct, share)
     layout = model.normaliser.layout
     example = build_example(_blind(trajectory, layout), replace(model.config, estimate=False), layout=layout)
     start = time.perf_counter()  # segments are set up before, estimates are a part of predicting
@@ -70,14 +73,13 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
     return replace(example.trajectory, per_frame={}, segment=segment, extra=extra, **moved)
 
 
-def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correction | None) -> Trajectory:
-    """All frames at once; each is then corrected by itself."""
+def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correction | None, share: float) -> Trajectory:
+    """All frames at once; as many as it takes are then corrected."""
     start, body = time.perf_counter(), trajectory.body
     path = path_of(model, trajectory)
     displacement = rolled_out(trajectory, path)
     if correct is not None:
-        for frame in range(1, len(displacement)):
-            displacement[frame, body] = correct(displacement[frame, body].astype(np.float64), frame)
+        displacement[:, body] = corrected_path(correct, displacement[:, body].astype(np.float64), share)
     seconds = (time.perf_counter() - start) / max(len(displacement) - 1, 1)
     return replace(trajectory, displacement=displacement, per_frame={"error_bar": path.bar, "unsure": path.unsure.astype(np.int64)},
                    extra={"run": model.name, "seconds_per_step": seconds, "unsure_frames": int(path.unsure.sum())})
