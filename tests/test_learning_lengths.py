@@ -84,7 +84,8 @@ def test_an_estimate_and_a_start_are_in_metres():
     config = counted("cell", estimate=True)
     case, rng = build_example(BEAM, replace(config, estimate=False)), np.random.default_rng(0)
     estimate, answer = rng.normal(size=(2, len(BEAM.points), 3))
-    shown = describe(replace(case, estimate=SimpleNamespace(at=lambda target: (estimate, answer))), 3, case.states[2], case.states[1], config)
+    known = replace(case, estimate=SimpleNamespace(at=lambda target: (estimate, answer)))
+    shown = describe(known, 3, case.states[2], case.states[1], config)
     assert np.allclose(shown.base, estimate / 0.01)
     assert shown.unit == pytest.approx(100 * np.sqrt((answer[BEAM.free]**2).sum(axis=1).mean()))
     model, start = model_of(counted("cell")), 1e-3 * answer
