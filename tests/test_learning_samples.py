@@ -20,12 +20,12 @@ from learning.samples.samples import (
     build_example,
     chances,
     describe,
-    fingerprint,
     fit_normaliser,
     load_examples,
     sample,
     unit_of,
 )
+from learning.training.run import fingerprint
 from physics.schema import InputError
 from tests.graph_by_hand import KIND, REST, assert_graph_is, contacts_by_hand, edges_by_hand, mesh_edge_by_hand, node_by_hand, tiny
 

@@ -9,8 +9,8 @@ import torch
 from learning.config import TrainConfig
 from learning.networks.m4gn import M4GN, M4GNConfig
 from learning.prediction.checkpoint import read_checkpoint
-from learning.samples.samples import build_example, fingerprint, fit_normaliser
-from learning.training.run import About, set_up
+from learning.samples.samples import build_example, fit_normaliser
+from learning.training.run import About, fingerprint, set_up
 from physics.schema import InputError, to_table
 from tests.synthetic import bending
 

@@ -39,7 +39,6 @@ Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 fo
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -297,14 +296,3 @@ def chances(examples: Sequence[Example]) -> Tensor | None:
         shares.append(unit**2 / np.sqrt(np.mean(unit**2)))
     share = np.concatenate(shares)
     return torch.from_numpy(np.minimum(share / share.mean(), OFTENEST) + 1)
-
-
-def fingerprint(examples: Sequence[Example]) -> str:
-    """SHA-256 over rest positions, displacements and further fields that are learned: tells whether two trainings saw the same data."""
-    digest = hashlib.sha256()
-    for example in examples:
-        digest.update(np.ascontiguousarray(example.trajectory.points, "<f8").tobytes())
-        digest.update(np.ascontiguousarray(example.trajectory.displacement, "<f4").tobytes())
-        for name in (*example.layout.fields, *(["velocity"] if example.layout.flow else [])):
-            digest.update(np.ascontiguousarray(example.trajectory.fields[name], "<f4").tobytes())
-    return digest.hexdigest()

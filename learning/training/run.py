@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -19,7 +20,7 @@ from learning.config import TrainConfig
 from learning.networks.kinds import build
 from learning.networks.stored import put_into
 from learning.prediction.checkpoint import Checkpoint, Model, read_checkpoint, write_checkpoint
-from learning.samples.samples import Example, fingerprint, fit_normaliser
+from learning.samples.samples import Example, fit_normaliser
 from physics.schema import InputError, read_table, to_table
 
 
@@ -108,3 +109,14 @@ def _check_same_run(saved: dict[str, Any], asked: About, out: Path) -> None:
 def _versions() -> dict[str, str]:
     modules = {module.__name__: module.__version__ for module in (torch, np, scipy, h5py, safetensors)}
     return {"python": platform.python_version(), **modules, "pymetis": version("pymetis")}
+
+
+def fingerprint(examples: Sequence[Example]) -> str:
+    """SHA-256 over rest positions, displacements and further fields that are learned: tells whether two trainings saw the same data."""
+    digest = hashlib.sha256()
+    for example in examples:
+        digest.update(np.ascontiguousarray(example.trajectory.points, "<f8").tobytes())
+        digest.update(np.ascontiguousarray(example.trajectory.displacement, "<f4").tobytes())
+        for name in (*example.layout.fields, *(["velocity"] if example.layout.flow else [])):
+            digest.update(np.ascontiguousarray(example.trajectory.fields[name], "<f4").tobytes())
+    return digest.hexdigest()
