@@ -39,7 +39,7 @@ def test_a_bar_pulled_evenly_is_exact_on_the_coarsest_mesh_of_first_order():
     scene = asked(support=rollers, load=[{"where": "x-max", "traction": [10.0, 0.0, 0.0]}])
     choice = choose(scene)
     assert choice.climb.family.order == 1 and choice.climb.sizes == choice.climb.family.base and choice.climb.error < 1e-6
-    u = choice.pilot.last[0]
+    u = choice.pilot.values[-1]
     exact = choice.pilots.points * [1e-5, -4e-6, -4e-6]
     assert abs(u - exact).max() < 5e-3 * abs(exact).max()  # small strain may make 0.005 of it
 

@@ -82,11 +82,11 @@ class Newton:
         """
         if not self.tangent.lasting:
             return self._newton(fraction, start, last, renew=True)
-        state = self._near(fraction, start, last)
+        state = self.near(fraction, start, last)
         self._look(state, fraction - last.fraction)
         return state
 
-    def _near(self, fraction: float, start: Floats, last: State) -> State:
+    def near(self, fraction: float, start: Floats, last: State) -> State:
         """As `equilibrium`, but an old factor may not show that a state is unstable."""
         if not self.tangent.stale:
             try:
