@@ -4,14 +4,13 @@
     .venv/bin/python -m benchmarks.error --seed 100 --count 40 --keep out.jsonl     goes on where it was stopped
 
 Scenes (`draw`) are thick and thin beams, plates, plane sheets and panels with holes, of all laws, under all kinds of obstacles, forces,
-weights and supports that move, in 40 steps, a tenth of what a scene has that does not say. "True" is the error at four steps against
-a reference: cells of second order (of a sheet: its own), with the numbers of cells along each direction that the smallest error came to,
-times REFERENCE; "of the reference" what its change from a mesh 1.5 times coarser leaves by an error that falls as h^1.5. A scene that takes longer than --limit is left out
-and counted. One whose
-reference is not ten times as good as what is asked is shown, and counted apart. The uniform mesh has standard cells of first order
-(hexahedra; of a panel tetrahedra; of a sheet its own), as long as wide and high, and is the first of L / 8, L / 12, L / 18, ... that has
-the error asked; where none of at most --most nodes has, its time is that of the finest one tried, which is less than it would take.
-Times are processor seconds of all of it, search and checks included.
+weights and supports that move, in 40 steps, a tenth of what a scene has that does not say. "True" is the error at four steps against a
+reference: cells of second order (of a sheet: its own), with the numbers of cells along each direction that the smallest error came to,
+times REFERENCE; "of the reference" what its change from a mesh 1.5 times coarser leaves by an error that falls as h^1.5. A scene that
+takes longer than --limit is left out and counted. One whose reference is not ten times as good as what is asked is shown, and counted
+apart. The uniform mesh has standard cells of first order (hexahedra; of a panel tetrahedra; of a sheet its own), as long as wide and
+high, and is the first of L / 8, L / 12, L / 18, ... that has the error asked; where none of at most --most nodes has, its time is that of
+the finest one tried, which is less than it would take. Times are processor seconds of all of it, search and checks included.
 """
 
 import json

@@ -87,7 +87,7 @@ def test_an_error_beyond_the_nodes_allowed_is_not_promised():
     assert not choice.climb.reached and choice.climb.error > 1e-4
     solution = solve(choice.scene, mesh=choice.mesh)
     verdict = judge(choice, solution)
-    assert not verdict.reached and "is not promised" in verdict.not_kept("a.vtkhdf") and verdict.lines()[0].endswith("NOT kept")
+    assert not verdict.reached and "is not promised" in verdict.not_kept() and verdict.lines()[0].endswith("NOT kept")
 
 
 def test_points_of_comparison_lie_in_all_meshes_of_a_box_and_weigh_one():
@@ -114,7 +114,7 @@ def test_what_cannot_be_asked_for_is_refused_in_one_line(changes, words):
 def test_a_quantity_without_an_error_and_a_mesh_that_only_simulate_chooses_are_refused():
     with pytest.raises(InputError, match="steps.quantity: needs error"):
         beam(steps={"count": 1, "quantity": "stress"})
-    with pytest.raises(InputError, match="steps.error, which chooses them, is for simulate alone"):
+    with pytest.raises(InputError, match="steps.error, which chooses them, is for simulate and modes alone"):
         build_mesh(asked().body)
 
 

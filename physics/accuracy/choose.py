@@ -8,6 +8,7 @@ other promises. Small strain may make SMALL_STRAIN of the error and the toleranc
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from physics.accuracy.climb import Climb
@@ -58,27 +59,37 @@ def choose(scene: Scene, most: int = MOST_NODES) -> Choice:
     asked, quantity = scene.steps.error, scene.steps.quantity or "displacement"
     kinds = sorted(families(scene), key=lambda family: family.order)
     pilots = Pilots(scene, kinds, quantity, tolerance=min(LOOSEST, asked / 100), small_strain=SMALL_STRAIN * asked)
-    best, other, loose = climbed(pilots, [Climb(kind, pilots, MESH * asked, most, kind.base) for kind in kinds], LOOSE * asked)
+    loose = math.nan
+
+    def begun(climb: Climb) -> None:
+        nonlocal loose
+        if math.isnan(loose):
+            loose = _tightened(pilots, climb, LOOSE * asked)
+
+    best, other = climbed([Climb(kind, pilots, MESH * asked, most, kind.base) for kind in kinds], begun)
     chosen, mesh = best.family.rung(best.sizes)
     return Choice(chosen, mesh, best, pilots.tolerance, pilots.small_strain, loose, pilots, asked, quantity, other)
 
 
-def climbed(pilots: Pilots, climbs: list[Climb], allowed: float) -> tuple[Climb, Climb | None, float]:
-    """The climb that keeps the error at the least cost, or comes nearest to it; another one that was begun; the error by the tolerance."""
-    loose = math.nan
+def climbed(climbs: list[Climb], begun: Callable[[Climb], None] = lambda climb: None) -> tuple[Climb, Climb | None]:
+    """The climb that keeps the error at the least cost, or comes nearest to it, and another one that was begun.
+
+    Args: begun: called with a climb when its coarsest mesh is solved
+    Raises what none of them could be solved for.
+    """
     while going := [climb for climb in climbs if not climb.ended]:
         before = next((one.ladder[0][1] for one in climbs if one.ladder), 0.0)
         climb = next((one for one in going if len(one.ladder) == 1), None) or min(going, key=lambda one: one.outlook(before))
         if any(one.reached and one.outlook() <= climb.outlook(before) for one in climbs):
             break
         climb.go_on()
-        if math.isnan(loose) and climb.ladder:
-            loose = _tightened(pilots, climb, allowed)
-    begun = [climb for climb in climbs if climb.ladder]
-    if not begun:
+        if len(climb.ladder) == 1:
+            begun(climb)
+    solved = [climb for climb in climbs if climb.ladder]
+    if not solved:
         raise next(climb.why for climb in climbs if climb.why)
-    best = min(begun, key=lambda climb: (0, climb.outlook()) if climb.reached else (1, climb.error))
-    return best, next((climb for climb in begun if climb is not best), None), loose
+    best = min(solved, key=lambda climb: (0, climb.outlook()) if climb.reached else (1, climb.error))
+    return best, next((climb for climb in solved if climb is not best), None)
 
 
 def _tightened(pilots: Pilots, climb: Climb, allowed: float) -> float:

@@ -15,10 +15,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from physics.accuracy.estimate import FIRST, ROUNDING, Estimate, coarse, distance, estimate, looked
 from physics.accuracy.ladder import Family, Sizes
-from physics.accuracy.pilot import Pilot, Pilots, cost
+from physics.accuracy.pilot import Floats, Pilot, cost
 from physics.equilibrium.state import NoEquilibrium
 from physics.schema import InputError
 
@@ -26,10 +27,24 @@ USUAL = {1: 1.5, 2: 2.0}  # order of the error of cells of first and second orde
 NEAREST, FARTHEST = 1.3, 2.0  # times finer is the next mesh
 AIM = 0.9  # of the target, as numbers of cells are whole
 ALONE = 0.5  # power of that by which a direction with a small share is refined with the others, so that it is seen
+ALONE_ENOUGH = 0.1  # of the target: an error of the coarsest mesh that needs no other mesh to be believed
 NOTHING = 0.01  # of the target: a share that needs no look
 PATIENCE = 2  # meshes in succession whose error does not fall regularly, before it is given up that it will
 SMALLER = 0.2  # error of second order over that of first on their coarsest meshes, before it is known
 COARSEST = 5  # refinements of a coarsest mesh that cannot hold the scene
+
+
+class Source(Protocol):
+    """What solves a mesh: `Pilots`, or `Frequencies` (frequency.py)."""
+
+    quantity: str
+    count: int
+    fractions: Floats
+    weights: Floats
+
+    def __call__(self, family: Family, sizes: Sizes) -> Pilot: ...
+
+    def first(self, order: int) -> list[Pilot]: ...
 
 
 @dataclass
@@ -42,7 +57,7 @@ class Climb:
     """
 
     family: Family
-    pilots: Pilots
+    pilots: Source
     target: float
     most: int
     sizes: Sizes
@@ -105,7 +120,7 @@ class Climb:
             self.ended, self.why = True, error
             return
         self.ladder.append((self.sizes, self.error))
-        self.reached = self.error <= self.target
+        self.reached = self.error <= self.target * (ALONE_ENOUGH if len(self.ladder) == 1 else 1)
         self.ended = self.reached or self._irregular >= PATIENCE
 
     def _begin(self) -> None:
@@ -145,14 +160,18 @@ class Climb:
         there = self._towards(need)
         if self.nodes(there) > self.most:
             return False
-        before, after, highest = self.pilot, self.pilots(self.family, there), self.family.highest
+        quantity, highest = self.pilots.quantity, self.family.highest
+        before, after = self.pilot, self.pilots(self.family, there)
         usual, was = USUAL[self.family.order], sum(self.shares)
         self.shares = [share * (n / m) ** usual for share, n, m in zip(self.shares, self.sizes, there, strict=True)]
         self.sizes = there
         self._fine.append(self._fine[-1] * max((was / max(sum(self.shares), ROUNDING)) ** (1 / usual), 1.01))
         self._differences.append(distance(before.values, after.values, self.pilots.weights))
         times = [m / n for n, m in zip(self.ladder[0][0], there, strict=True)]
-        found = looked(self._alone, times, self._differences[0], usual, self.pilots.quantity) if len(self._differences) == 1 else estimate(self._fine, self._differences, highest - (self.pilots.quantity == "stress"), self.pilots.quantity)
+        if len(self._differences) == 1:
+            found = looked(self._alone, times, self._differences[0], usual, quantity)
+        else:
+            found = estimate(self._fine, self._differences, highest - (quantity == "stress"), quantity)
         self.error, self.order, self.how = found.error, found.order, found.how
         self._irregular = self._irregular + 1 if self.how == "irregular" else 0
         return True
@@ -162,7 +181,8 @@ class Climb:
         usual, spans = USUAL[self.family.order], self.family.spans
         allowed = sum(self.shares) * need**-usual
         level = _level(self.shares, spans, allowed)
-        times = [max(1.0, (share / (span * level)) ** (1 / usual)) if level else need for share, span in zip(self.shares, spans, strict=True)]
+        times = [max(1.0, (share / (span * level)) ** (1 / usual)) if level else need
+                 for share, span in zip(self.shares, spans, strict=True)]
         small = NOTHING * self.target
         times = [max(ratio, need**ALONE if share > small else 1.0) for ratio, share in zip(times, self.shares, strict=True)]
         there = self.family.finer(self.sizes, times)

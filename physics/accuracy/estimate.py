@@ -23,8 +23,8 @@ from scipy.optimize import brentq
 
 Floats = NDArray[np.float64]
 
-LOWEST = {"displacement": 0.8, "reaction": 0.8, "stress": 0.5}  # orders at clamped edges and rims of contact
-FIRST = {"displacement": 1.0, "reaction": 1.0, "stress": 0.7}
+LOWEST = {"displacement": 0.8, "reaction": 0.8, "stress": 0.5, "frequency": 0.8}  # orders at clamped edges and rims of contact
+FIRST = {"displacement": 1.0, "reaction": 1.0, "stress": 0.7, "frequency": 1.0}
 ROUNDING = 1e-9  # differences below it are no errors of a mesh
 
 

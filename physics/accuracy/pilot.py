@@ -4,8 +4,9 @@ displacement: its three components at the points [m]; reaction: of each pose, as
 nodes have (body/stress.py), carried to the points by the shape functions [Pa].
 
 The first mesh follows the path in few steps. All others start at each pose from what the mesh before found there, carried over by its
-shape functions: a factor and some Newton steps a pose. Where that leads nowhere the path is followed. On a path that goes one way the
-displacement is looked at twice, at the end and about half-way there.
+shape functions: a factor and some Newton steps a pose. Where that leads nowhere the path is followed. Without an obstacle, on a path
+that goes one way, the displacement is looked at twice, at the end and about half-way there; under one, which finds other points of
+other meshes at each pose, at all of them.
 
 Cost is a power of the nodes, not seconds, so that the same scene always leads to the same choice. Legend: K poses, M points, d components.
 """
@@ -114,7 +115,7 @@ class Pilots:
     def _fewer(self, found: Pilot) -> Pilot:
         """Keep the poses that are enough from here on."""
         size = np.sqrt(np.einsum("m,kmd->k", self.weights, found.values**2)) if self.quantity == "displacement" else np.zeros(1)
-        if len(size) != POSES or few(self.scene) > POSES or (np.diff(size) < 0).any():
+        if self.scene.obstacles or len(size) != POSES or few(self.scene) > POSES or (np.diff(size) < 0).any():
             return found
         kept = [int(np.argmin(abs(size[:-1] - HALF * size[-1]))), POSES - 1]
         self.fractions = self.fractions[kept]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from physics.accuracy.choose import MOST_NODES, Choice
+from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
 from physics.accuracy.ladder import Sizes
 from physics.accuracy.pilot import Pilot
@@ -43,10 +44,10 @@ class Verdict:
                 "reached": self.reached,
                 "rows": list(self.rows), "remarks": list(self.remarks)}
 
-    def not_kept(self, out: str) -> str:
-        """Why the error asked is not promised, for a reader who has the file."""
-        return (f"the error asked, {self.asked:.3g}, is not promised: {self.estimated:.2g} is estimated on the finest mesh tried, of at "
-                f"most {MOST_NODES} nodes; its path is in {out}")
+    def not_kept(self) -> str:
+        """Why the error asked is not promised."""
+        return (f"the error asked, {self.asked:.3g}, is not promised: {self.estimated:.2g} is estimated on the best mesh tried, of at "
+                f"most {MOST_NODES} nodes")
 
     def lines(self) -> list[str]:
         """For a reader."""
@@ -66,15 +67,11 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     path = distance(pilots.of(choice.scene, solution, [frames]), choice.pilot.values[-1:], pilots.weights)
     between, said = _between(choice, solution)
     linear = choice.small_strain if solution.linear_steps and not choice.scene.linear else 0.0
-    rows: list[Row] = []
+    rows = rows_of_mesh(climb)
 
     def add(name: str, taken: str, error: float | None, seconds: float | None = None) -> None:
-        known = None if error is None or not math.isfinite(error) else error
-        rows.append(dict(zip(HEADS, (name, taken, known, seconds), strict=True)))
+        rows.append(row(name, taken, error, seconds))
 
-    for axis, part in sorted(climb.parts.items()):
-        add(f"cells along {family.axes[axis]}" if family.body.shape in ("beam", "plate") else f"cells: {family.axes[axis]}",
-            f"{climb.sizes[axis]}, order {family.order}", part.error)
     add("kinematics", "the linear law, as asked" if choice.scene.linear else
         f"small strain in {solution.linear_steps} of {frames} steps" if solution.linear_steps else "finite strain", linear)
     add("tolerance", f"{choice.tolerance:.0e} of the reaction", choice.loose)
@@ -99,6 +96,19 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     if solution.snap.any():
         remarks += ("the body snaps: where it comes to rest depends on more than the mesh, and the estimate knows nothing of that",)
     return Verdict(choice.asked, choice.quantity, estimated, reached and not solution.snap.any(), tuple(rows), remarks)
+
+
+def row(name: str, taken: str, error: float | None, seconds: float | None = None) -> Row:
+    """One of the table."""
+    known = None if error is None or not math.isfinite(error) else error
+    return dict(zip(HEADS, (name, taken, known, seconds), strict=True))
+
+
+def rows_of_mesh(climb: Climb) -> list[Row]:
+    """What each direction makes of the error."""
+    family, box = climb.family, climb.family.body.shape in ("beam", "plate")
+    return [row(f"cells along {family.axes[axis]}" if box else f"cells: {family.axes[axis]}", f"{climb.sizes[axis]}, order {family.order}",
+                part.error) for axis, part in sorted(climb.parts.items())]
 
 
 def _between(choice: Choice, solution: Solution) -> tuple[float, str]:

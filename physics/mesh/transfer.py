@@ -22,7 +22,8 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats, outside_by: fl
                 candidates: int = CANDIDATES) -> Floats:
     """(T, M, 3) displacements at other rest points (M, 3), by the shape functions of the cell that holds each of them.
 
-    The cell is sought among the `candidates` with the nearest centres (of even boxes one is enough), by Newton's iteration on the isoparametric map.
+    The cell is sought among the `candidates` with the nearest centres (of even boxes one is enough),
+    by Newton's iteration on the isoparametric map.
     (vtkProbeFilter of VTK 9.7.2 takes some points on the faces of prisms from outside of a wrong prism.)
     Raises ValueError when a point lies in no cell by more than `outside_by` of the cell's size; what lies outside is extrapolated.
     """
