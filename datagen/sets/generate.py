@@ -25,6 +25,7 @@ import numpy as np
 from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, draw
 from datagen.files.fields import stress_fields
 from datagen.files.inputs import centres, numbered
+from datagen.files.layout import remainder_of
 from datagen.files.places import mesh_file, places_of
 from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
@@ -96,13 +97,14 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
         extra["mesh_file"] = mesh_file(scene)
     if scene.steps.dynamic and scene.steps.duration is not None:
         extra["step_seconds"] = scene.steps.duration / scene.steps.count
+    u = np.concatenate(path, axis=1)
     trajectory = Trajectory(
         points=points,
         connectivity=np.concatenate([mesh.cells.ravel(), nodes + triangles.ravel()]),
         offsets=np.concatenate([[0], np.cumsum(corners)]),
         types=np.repeat([CELLS[mesh.cell].vtk, CELLS["triangle"].vtk], [len(mesh.cells), len(triangles)]).astype(np.uint8),
         node_kind=np.concatenate([kind, np.full(len(points) - nodes, OBSTACLE)]).astype(np.uint8),
-        displacement=np.concatenate(path, axis=1).astype(np.float32),
+        displacement=u.astype(np.float32), remainder=remainder_of(u) if CELLS[mesh.cell].middles else None,
         modes=shapes.astype(np.float32), frequencies_hz=tuple(float(modes.frequencies_hz[i]) for i in first),
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
