@@ -128,7 +128,7 @@ def test_every_study_of_the_package_has_every_size(file, size):
     assert plan.seeds == (3 if size != "check" and file.stem != "cost" else 1)
     assert plan.sets["data"][1].family == {"materials": "beam-materials", "plate": "plate"}.get(file.stem, "beam-plane")
     assert len(plan.rows) == {"main": 7, "transfer": 3, "message-steps": 6, "method": 7, "segments": 10, "generalisation": 6, "noise": 28,
-                              "cost": 7, "materials": 2, "plate": 7}[file.stem]
+                              "cost": 7, "materials": 3, "plate": 7}[file.stem]
 
 
 def test_the_paper_sizes_are_the_papers():

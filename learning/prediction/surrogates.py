@@ -116,7 +116,7 @@ def corrected_rollout(model: Model | AtOnce, trajectory: Trajectory, scene: Scen
             raise LeftOut(f"a Newton step led nowhere at frame {frame}: {error}") from None
 
     try:
-        return rollout(model, trajectory, correct=correct), corrector
+        return rollout(model, trajectory, correct=correct, share=corrector.share), corrector
     except FloatingPointError as error:
         raise LeftOut(f"it blows up: {error}") from None
 
