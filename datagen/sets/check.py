@@ -85,6 +85,17 @@ def check(folder: str | Path, *, steps: int = 5, remark: Callable[[str], None] =
     return found + [f"{path}: not in the manifest" for path in sorted(there - listed)]
 
 
+def unfit(trajectory: Trajectory) -> list[str]:
+    """Why a solved trajectory is none for a data set, a line each: by what its solver says of its frames."""
+    zero, frames = np.zeros(1), trajectory.per_frame
+    snaps = np.flatnonzero(frames.get("snap", zero))
+    inverted = np.flatnonzero(~(frames.get("smallest_det_f", np.ones(1)) > 0))
+    deep = np.flatnonzero(frames.get("penetration", zero) > PENETRATION * float(trajectory.mesh.extent.min()))
+    return ([f"the body snaps at step {snaps[0]}"] if len(snaps) else []) + (
+        [f"a cell turns inside out at step {inverted[0]}"] if len(inverted) else []) + (
+        [f"the obstacle penetrates too far at step {deep[0]}"] if len(deep) else [])
+
+
 def precision(trajectory: Trajectory) -> NDArray[np.float64]:
     """(T, N, 3) [m] how far each stored displacement may be from what the solver found."""
     rounding = layout.precision(trajectory.displacement, trajectory.remainder)

@@ -6,7 +6,7 @@ when it is whole; what is there already is kept, so a run that was killed goes o
 
 A scene without an equilibrium, or over its time, is replaced by the next attempt at the same index; the file that takes its
 place carries the reason, and so does the manifest. So is a scene in which the body snaps (physics/equilibrium/snap.py): where it comes
-to rest then depends on more than where the obstacle is, and no predictor could know.
+to rest then depends on more than where the obstacle is, and no predictor could know; and one that is pressed harder than `check` allows.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.flow.trajectory import flow_trajectory
 from datagen.sets import dataset
+from datagen.sets.check import unfit
 from datagen.sets.workers import on_cluster, on_this_machine, progress
 from physics.body.supports import held
 from physics.contact.obstacles import Rigid
@@ -230,12 +231,7 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
             reasons.append(str(error).splitlines()[0])
             continue
         wrong = problems(trajectory) if trajectory.complete else [trajectory.extra["failure"]]
-        snaps = np.flatnonzero(trajectory.per_frame.get("snap", ()))
-        if len(snaps):
-            wrong.append(f"the body snaps at step {snaps[0]}")
-        inverted = np.flatnonzero(~(trajectory.per_frame.get("smallest_det_f", np.ones(1)) > 0))
-        if len(inverted):
-            wrong.append(f"a cell turns inside out at step {inverted[0]}")
+        wrong += unfit(trajectory)
         if wrong:
             reasons.append(wrong[0])
             continue
@@ -263,7 +259,7 @@ def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
     except InputError:
         return None
     scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ())))
-    if (found.seed, found.index) != (job.seed, job.index) or problems(found) or not _of(scene, found):
+    if (found.seed, found.index) != (job.seed, job.index) or problems(found) or unfit(found) or not _of(scene, found):
         return None
     if job.stress and "stress" not in found.fields:
         return None
