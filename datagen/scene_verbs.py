@@ -106,7 +106,8 @@ def _elastic(options: Options, spread: bool) -> tuple[Any, Any]:
         raise InputError("--dirichlet is for --kind laplacian; elastic modes take the supports of the scene")
     if Path(options.scene).suffix.lower() != ".toml":
         raise InputError(f"{options.scene}: elastic modes need a scene (.toml) with a material; its [body] may name a mesh file")
-    asked = [] if options.error is None else [f"steps.error={options.error}"]
+    error = getattr(options, "error", None)
+    asked = [] if error is None else [f"steps.error={error}"]
     scene = load_solid(options.scene, [*options.set, *asked], anew=bool(asked))
     if scene.steps.error is not None:
         from physics.accuracy.frequency import choose_modes
@@ -149,7 +150,7 @@ def _laplacian(options: Options, spread: bool) -> Any:
 
     if options.at is not None:
         raise InputError("--at is for elastic modes; those of a shape alone know no load")
-    if options.error is not None:
+    if getattr(options, "error", None) is not None:
         raise InputError("--error is for elastic modes and simulate")
     if options.set:
         raise InputError("--set is for elastic modes and simulate; a shape alone has nothing to change but its mesh")
@@ -158,7 +159,7 @@ def _laplacian(options: Options, spread: bool) -> Any:
     return laplacian_modes(load_body(options.scene), count=options.count, dirichlet=chosen, spread=spread)
 
 
-def _write_modes(out: Path, options: Options, found: Any, chosen: Any) -> None:
+def _write_modes(out: Path, options: Options, found: Any, chosen: Any = None) -> None:
     """The shapes as .vtu, or as a trajectory file of the rest state alone."""
     if out.suffix == ".vtkhdf":
         from datagen.files.places import mesh_file, places_of
