@@ -44,7 +44,8 @@ def solve(scene, *, tolerance=1e-9, elasticity=None, steps=None, soften=1.0, hal
                 break
             direction = space.from_dofs(solve_linear(hessian, -free))
             length, before = 1.0, potential(balance, u, fraction) if halve else 0.0
-            while halve and not potential(balance, u + length * direction, fraction) <= before + 1e-9 * abs(before) + rounding and length > 1e-4:
+            enough = before + 1e-9 * abs(before) + rounding
+            while halve and not potential(balance, u + length * direction, fraction) <= enough and length > 1e-4:
                 length /= 2
             u = u + length * direction
         else:

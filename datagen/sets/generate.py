@@ -234,6 +234,8 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
         inverted = np.flatnonzero(~(trajectory.per_frame.get("smallest_det_f", np.ones(1)) > 0))
         if len(inverted):
             wrong.append(f"a cell turns inside out at step {inverted[0]}")
+        if folds := trajectory.extra["model"].get("folds"):
+            wrong.append(folds)
         if wrong:
             reasons.append(wrong[0])
             continue
