@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from learning.graphs.layout import LENGTHS
 from learning.networks.kinds import CONFIGS, NetworkConfig
 from learning.networks.m4gn import M4GNConfig
 from learning.networks.sections import SectionsConfig
@@ -24,9 +25,12 @@ class Inputs:
     """What a network sees beside the state of a body.
 
     material: Young's modulus, Poisson's ratio, density and law, told at every node; of bodies of one isotropic material
+    lengths: what all lengths are counted in, this config's own too: m, the cell size of each body (the median length of its edges), or its
+        size (its largest extent)
     """
 
     material: bool = False
+    lengths: str = quantity("m", choice=LENGTHS)
 
 
 @dataclass(frozen=True, kw_only=True)

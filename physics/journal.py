@@ -16,7 +16,8 @@ import os
 import time
 import zipfile
 import zlib
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_type_hints
@@ -193,6 +194,62 @@ class Journal:
                 left = left[self._file.write(left):]
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self.path)) from None
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A path as far as it was followed.
+
+    frames: name -> (T, ...) of all of them
+    seconds: of this run and of those that it goes on from
+    resumed: frames after the first that an earlier run had reached
+    failed: the frame that was not reached and why, or None
+    """
+
+    frames: Arrays
+    seconds: float
+    resumed: int
+    failed: tuple[int, Exception] | None
+
+
+def follow(count: int, go: Callable[[int], dict[str, Any]], memory: Callable[[], Any], recall: Callable[[Arrays], None], *,
+           failures: tuple[type[Exception], ...], path: str | Path | None, identity: str, started: float,
+           on_step: Callable[[int], None] | None) -> Followed:
+    """Go through frames 0 to count, kept in a journal where one is wanted, from the last one on that it holds.
+
+    Args:
+        go: goes on to a frame and gives what is to be kept of it; of frame 0 nothing is to be done
+        memory, recall: what the next frame depends on, as a dataclass; and the way back to it from its arrays (`flatten`)
+        failures: which end the path before its end
+        path, identity: of the journal, see `Journal`; no path: none is kept
+        started: when this run began, by time.perf_counter
+        on_step: called with the number of each frame that is reached
+
+    Raises: see `Journal`
+    """
+    kept, frames, spent, failed = None if path is None else Journal(path, identity), [], 0.0, None
+    try:
+        if kept is not None and kept.frames:
+            frames, spent = kept.rows, float(kept.memory["seconds"])
+            recall(kept.memory)
+        resumed = max(0, len(frames) - 1)
+        for number in range(len(frames), count + 1):
+            try:
+                frames.append(go(number))
+            except failures as error:
+                failed = number, error
+                break
+            if kept is not None:
+                kept.add(frames[-1], flatten(memory()) | {"seconds": np.array(spent + time.perf_counter() - started)})
+            if on_step is not None and number:
+                on_step(number)
+        if kept is not None:
+            kept.save()
+    finally:
+        if kept is not None:
+            kept.close()
+    rows = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
+    return Followed(rows, spent + time.perf_counter() - started, resumed, failed)
 
 
 def _next(file: io.FileIO) -> Arrays | None:

@@ -22,7 +22,7 @@ from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE
 from physics.equilibrium.state import NoEquilibrium
-from physics.journal import Journal, digest_of, flatten, unflatten
+from physics.journal import digest_of, follow, unflatten
 from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
@@ -105,41 +105,26 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     if final:
         return _final(scene, mesh=mesh, on_step=on_step, journal=journal, tolerance=tolerance, method=method, spread=spread,
                       partial=partial, small_strain=small_strain)
-    started, processor, spent = time.perf_counter(), time.process_time(), 0.0
+    started, processor = time.perf_counter(), time.process_time()
     mesh = of_order(mesh or build_mesh(scene.body), scene.body)
-    path, frames, failure = _way(scene, mesh, tolerance, method, spread, small_strain), [], ""
+    path = _way(scene, mesh, tolerance, method, spread, small_strain)
     set_up = time.process_time() - processor
     limits = f" to {tolerance}" * (tolerance != TOLERANCE) + f" linear to {small_strain}" * (small_strain != LINEAR_TOLERANCE)
-    kept = None if journal is None else Journal(journal, identity(scene, mesh) + limits)
-    try:
-        if kept is not None and kept.frames:
-            frames = kept.rows
-            spent = float(kept.memory["seconds"])
-            path.recall(unflatten(path.Memory, kept.memory))
-        resumed = max(0, len(frames) - 1)
-        for step in range(len(frames), scene.steps.count + 1):
-            try:
-                if step:
-                    path.advance(step / scene.steps.count)
-            except NoEquilibrium as error:
-                failure = f"no {'motion' if scene.steps.dynamic else 'equilibrium'} at step {step}: {error}"
-                break
-            frames.append(path.frame())
-            if kept is not None:
-                kept.add(frames[-1], flatten(path.memory()) | {"seconds": np.array(spent + time.perf_counter() - started)})
-            if on_step is not None and step:
-                on_step(step)
-        if kept is not None:
-            kept.save()
-    finally:
-        if kept is not None:
-            kept.close()
-    rows = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
+
+    def go(step: int) -> dict[str, Any]:
+        if step:
+            path.advance(step / scene.steps.count)
+        return path.frame()
+
+    way = follow(scene.steps.count, go, path.memory, lambda arrays: path.recall(unflatten(path.Memory, arrays)),
+                 failures=(NoEquilibrium,), path=journal, identity=identity(scene, mesh) + limits, started=started, on_step=on_step)
+    failure = "" if way.failed is None else "no {} at step {}: {}".format("motion" if scene.steps.dynamic else "equilibrium", *way.failed)
     found = Solution(
-        mesh=mesh, **rows,
+        mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
-        model=path.model() | snapped(rows["snap"]) | _cut(mesh, rows["displacement"]) | _inside_out(scene, mesh, rows["displacement"]),
-        seconds=spent + time.perf_counter() - started, set_up=set_up, resumed=resumed, failure=failure)
+        model=path.model() | snapped(way.frames["snap"]) | _cut(mesh, way.frames["displacement"])
+        | _inside_out(scene, mesh, way.frames["displacement"]),
+        seconds=way.seconds, set_up=set_up, resumed=way.resumed, failure=failure)
     if failure and not partial:
         raise NoEquilibrium(failure, found)
     return found

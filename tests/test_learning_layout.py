@@ -98,7 +98,7 @@ def test_a_checkpoint_of_before_is_one_of_a_solid_body(tmp_path):
     write_trajectory(tmp_path / "a.vtkhdf", bending(cells=(4, 2, 2), steps=3))
     train(CONFIG, [tmp_path / "a.vtkhdf"], [], tmp_path / "run")
     about, tensors = read_stored(tmp_path / "run" / "model.safetensors")
-    assert about.pop("layout") == {"space": 3, "state": "displacement", "fields": [], "sizes": [], "material": False}
+    assert about.pop("layout") == {"space": 3, "state": "displacement", "fields": [], "sizes": [], "material": False, "lengths": "m"}
     write_stored(tmp_path / "run" / "model.safetensors", about, tensors)
     assert read_checkpoint(tmp_path / "run" / "model.safetensors").normaliser.layout == Layout()
 

@@ -11,7 +11,7 @@ import torch
 
 import fidelity
 from datagen.files.prediction import finite
-from learning.config import TrainConfig
+from learning.config import Outputs, TrainConfig
 from learning.networks.m4gn import M4GNConfig
 from learning.networks.rivals.gcn import GCNConfig
 from learning.networks.rivals.mgn import MGNConfig
@@ -126,9 +126,9 @@ def test_a_study_like_itself_is_refused(tmp_path):
 def test_every_study_of_the_package_has_every_size(file, size):
     plan = load_plan(file.stem, size)
     assert plan.seeds == (3 if size != "check" and file.stem != "cost" else 1)
-    assert plan.sets["data"][1].family == ("beam-materials" if file.stem == "materials" else "beam-plane")
+    assert plan.sets["data"][1].family == {"materials": "beam-materials", "plate": "plate"}.get(file.stem, "beam-plane")
     assert len(plan.rows) == {"main": 7, "transfer": 3, "message-steps": 6, "method": 7, "segments": 10, "generalisation": 6, "noise": 28,
-                              "cost": 7, "materials": 2}[file.stem]
+                              "cost": 7, "materials": 3, "plate": 7}[file.stem]
 
 
 def test_the_paper_sizes_are_the_papers():
@@ -139,6 +139,17 @@ def test_the_paper_sizes_are_the_papers():
     assert load_plan("main", "paper").sets["data"][1].splits == {"train": 355, "valid": 40, "test": 60}
     small = load_plan("main", "small")  # 20 000 samples, 120 beams
     assert all(row.config.steps * row.config.batch_size == 20_000 for row in small.rows) and small.sets["data"][1].train == 120
+
+
+def test_the_plates_of_the_paper_are_trained_as_there():
+    # Lei et al., "Training Details", "M4GN Configurations", "Baselines": DeformingPlate, 2 M steps, 19 segments without overlap, tau 1
+    rows = {row.name: row for row in load_plan("plate", "paper").rows}
+    outputs = Outputs(fields=("von_mises",))
+    m4gn = TrainConfig(steps=2_000_000, validate_every=20_000, tau=1.0, noise=0.003, contact_radius=0.01, outputs=outputs)
+    assert rows["M4GN"].config == m4gn and rows["MGN"].config == replace(m4gn, network=MGNConfig(world_radius=0.03))
+    assert [rows[name].config.network.levels for name in ("g-U-Net", "BSMS-GNN")] == [6, 6]
+    assert rows["M4GN"].published["test"]["rmse_all"][0] == 2.65e-3 and rows["Transolver"].published["test"]["rmse_all"][0] == 3.02e-3
+    assert load_plan("plate", "paper").sets["data"][1].splits == {"train": 1000, "valid": 100, "test": 100}
 
 
 # ---- trainings

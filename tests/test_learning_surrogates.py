@@ -27,7 +27,7 @@ class World:
     """Processor time runs at half of the wall's. A rollout takes 20 s of processor time for the set-up and 4 steps of 5 s."""
 
     def __init__(self, patch, case):
-        self.now, self.modes, self.fails = 100.0, [], None
+        self.now, self.modes, self.fails, self.shares = 100.0, [], None, []
         self.path = np.random.default_rng(0).normal(size=case.trajectory.displacement.shape).astype(np.float32)
         patch.setattr(module, "time", SimpleNamespace(process_time=lambda: self.now, perf_counter=lambda: 2 * self.now + 7))
         patch.setattr(module, "rollout", self.rollout)
@@ -35,7 +35,8 @@ class World:
         patch.setattr(module, "elastic_modes", self.elastic)
         patch.setattr(module, "Corrector", self.corrector)
 
-    def rollout(self, model, trajectory, *, correct=None):
+    def rollout(self, model, trajectory, *, correct=None, share=0.0):
+        self.shares.append(share)
         if self.fails is not None:
             raise self.fails
         self.now += 40
@@ -63,7 +64,7 @@ class World:
                 raise NoEquilibrium("too far")
             correct.iterations += 2
             return u + 0.25 * fraction
-        correct.iterations = 0
+        correct.iterations, correct.share = 0, 0.25
         self.asked, self.about = [], (scene, mesh)
         return correct
 
@@ -116,7 +117,7 @@ def test_a_corrected_rollout(world, case, count, name):
     np.testing.assert_array_equal(found.path[0], world.path[0, body])
     # 70 s of processor time, 140 of wall, of which 40 are steps
     assert (found.seconds, found.set_up, found.iterations) == (pytest.approx(20), pytest.approx(50 + 3), 8)
-    assert found.one_step is None
+    assert found.one_step is None and world.shares == [0.25]
 
 
 def test_what_blows_up_or_is_lost_is_left_out(world, case):

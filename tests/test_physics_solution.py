@@ -1,13 +1,14 @@
 """The answer to a scene: what its frames hold, where a path ends, and which scene a journal is of."""
 
 import itertools
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from physics import solution
+from physics import journal, solution
 from physics.equilibrium.balance import Balance
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.state import NoEquilibrium, State
@@ -121,7 +122,9 @@ def test_an_end_is_sought_in_four_steps_then_in_four_times_as_many(monkeypatch, 
 def test_seconds_add_up_over_the_starts(monkeypatch, tmp_path):
     """A clock that goes on by 10 s at each look: looked at when a solve begins, at each of five frames and at the end."""
     clock, processor = itertools.count(10.0, 10.0), itertools.count(1.0, 0.25)
-    monkeypatch.setattr(solution, "time", SimpleNamespace(perf_counter=lambda: next(clock), process_time=lambda: next(processor)))
+    for module in (solution, journal):
+        monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: next(clock), process_time=lambda: next(processor),
+                                                            monotonic=time.monotonic))
     first = solve(bent(), journal=tmp_path / "kept")
     assert first.seconds == 60 and first.set_up == 0.25 and first.resumed == 0
     again = solve(bent(), journal=tmp_path / "kept")

@@ -13,7 +13,8 @@ Features, with X rest positions, x current positions, v = x(t+1) - x(t) [m]; eve
     mesh edge       X = X_s - X_r, |X|, x - X, |x| - |X|    [m], x = x_s - x_r, s sender, r receiver
     contact edge    x, |x|                                 [m]
 
-A body in a plane has D = 2 coordinates, every other D = 3. Where nodes stay and a fluid flows: flow.py.
+A body in a plane has D = 2 coordinates, every other D = 3. Lengths may be counted in cells or body sizes instead of metres
+(layout.py). Where nodes stay and a fluid flows: flow.py.
 
 The paper gives a node x_i and a mesh edge X and x. Here the changes x - X stand beside X: the same knowledge, but a strain of
 1 % is lost in the spread of x over a mesh and stands out in that of x - X. The origin O makes x_i free of where the scene is.
@@ -168,7 +169,7 @@ def build_skeleton(trajectory: Trajectory, segment: NDArray[np.integer], *, over
     senders, receivers = np.concatenate([edges, edges[:, ::-1]]).T  # (2E,) each
     order = np.lexsort((senders, receivers))
     pair = np.stack([senders[order], receivers[order]])  # (2, E)
-    rest = np.ascontiguousarray(trajectory.points[:, :layout.space])
+    rest = np.ascontiguousarray(trajectory.points[:, :layout.space]) / layout.unit(trajectory)
     vector = rest[pair[0]] - rest[pair[1]]
     kind = (trajectory.node_kind[:, None] == np.array(layout.kinds)).astype(np.float32)  # (N, k)
     held = trajectory.node_kind == HANDLE

@@ -24,9 +24,11 @@ from datagen.files.trajectory import AIRFOIL, HANDLE, INFLOW, NORMAL, OBSTACLE, 
 from datagen.flow.figures import resting
 from learning.graphs.material import FEATURES, material_of
 from learning.graphs.wants import Widths
-from physics.schema import InputError
+from learning.segments.edges import mesh_edges
+from physics.schema import InputError, quantity
 
 BODY = (NORMAL, OBSTACLE, HANDLE)
+LENGTHS = ("m", "cell", "body")
 FLUID = (NORMAL, OUTFLOW, INFLOW, WALL, AIRFOIL)
 
 
@@ -38,6 +40,7 @@ class Layout:
     state: displacement or velocity
     fields, sizes: the further fields and how many numbers each has at a node
     material: whether nodes are told the material (material.py)
+    lengths: what lengths are counted in, one of LENGTHS
     """
 
     space: int = 3
@@ -45,6 +48,7 @@ class Layout:
     fields: tuple[str, ...] = ()
     sizes: tuple[int, ...] = ()
     material: bool = False
+    lengths: str = quantity("m", choice=LENGTHS)
 
     @property
     def flow(self) -> bool:
@@ -74,6 +78,17 @@ class Layout:
     def first(self, trajectory: Trajectory) -> int:
         """The frame that a rollout starts from: of a flow that begins at rest the first one in which it moves."""
         return resting(trajectory) if self.flow else 0
+
+    def unit(self, trajectory: Trajectory) -> float:
+        """What its lengths are counted in [m]: the median length of the body's edges at rest, or the body's largest extent."""
+        if self.lengths == "m":
+            return 1.0
+        points, body = trajectory.points, trajectory.body
+        if self.lengths == "body":
+            return float(np.ptp(points[body], axis=0).max())
+        ends = mesh_edges(trajectory).T  # (2, E)
+        a, b = points[ends[:, body[ends].all(axis=0)]]
+        return float(np.median(np.linalg.norm(a - b, axis=1)))
 
     def states(self, trajectory: Trajectory) -> NDArray[np.float32]:
         """(T, N, D) the state in all frames."""
@@ -109,15 +124,17 @@ class Layout:
 SOLID_BODY = Layout()
 
 
-def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = (), *, material: bool = False) -> Layout:
+def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = (), *, material: bool = False,
+              lengths: str = "m") -> Layout:
     """What is seen and predicted of a set: the velocity where no node ever moves and all have one, else the displacement.
 
     Args:
         fields: the further ones that are asked for
         material: whether nodes are to be told the material
+        lengths: what lengths are to be counted in
 
     Raises:
-        InputError: not all trajectories have these fields; a flow has no material
+        InputError: not all trajectories have these fields; a flow has no material, and its lengths are in metres
     """
     flow = not any(map(moves, trajectories)) and all(map(_changes, trajectories))
     sizes = []
@@ -130,11 +147,11 @@ def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = (), *,
         if flow and name == "velocity":
             raise InputError("outputs.fields: the velocity of a flow is predicted anyway")
         sizes.append(found.pop())
-    if flow and material:
-        raise InputError("inputs.material = true: is of bodies, and a fluid flows here")
+    if flow and (material or lengths != "m"):
+        raise InputError(f"inputs.{'material = true' if material else f'lengths = {lengths}'}: is of bodies, and a fluid flows here")
     space = 2 if all(map(in_plane, trajectories)) else 3
     return Layout(space=space, state="velocity" if flow else "displacement", fields=tuple(fields), sizes=tuple(sizes),
-                  material=material)
+                  material=material, lengths=lengths)
 
 
 def moves(trajectory: Trajectory) -> bool:

@@ -32,18 +32,21 @@ from learning.networks.blocks import products
 from learning.prediction.checkpoint import Model
 from learning.samples.estimate import estimate
 from learning.samples.samples import Example, build_example, describe
+from physics.fidelity.along import corrected_path
 
 BATCH = 8  # poses, or single steps, at a time
 # Takes displacements (N, 3) of the body [m] and the number of their frame, and gives better ones.
 Correction = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 
-def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correction | None = None) -> Trajectory:
+def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correction | None = None, share: float = 0.0) -> Trajectory:
     """The predicted trajectory, from the rest state to the last frame.
 
     Args:
         trajectory: geometry, node kinds, modes, and the motion of prescribed nodes; the motion of free nodes is not used
         correct: corrects each predicted frame, from which the next one is then predicted
+        share: where all frames are predicted at once, of the way from a prediction that corrections leave; 0 corrects each frame
+            (physics/fidelity/along.py)
 
     Returns:
         the same trajectory with the predicted displacement and fields, its segments, without what only a solver knows, and with
@@ -55,7 +58,7 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
     """
     if isinstance(model, AtOnce):
         SOLID_BODY.check(trajectory)
-        return _rolled_out_at_once(model, trajectory, correct)
+        return _rolled_out_at_once(model, trajectory, correct, share)
     layout = model.normaliser.layout
     example = build_example(_blind(trajectory, layout), replace(model.config, estimate=False), layout=layout)
     start = time.perf_counter()  # segments are set up before, estimates are a part of predicting
@@ -70,16 +73,16 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
     return replace(example.trajectory, per_frame={}, segment=segment, extra=extra, **moved)
 
 
-def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correction | None) -> Trajectory:
-    """All frames at once; each is then corrected by itself."""
+def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correction | None, share: float) -> Trajectory:
+    """All frames at once; as many as it takes are then corrected."""
     start, body = time.perf_counter(), trajectory.body
     path = path_of(model, trajectory)
     displacement = rolled_out(trajectory, path)
     if correct is not None:
-        for frame in range(1, len(displacement)):
-            displacement[frame, body] = correct(displacement[frame, body].astype(np.float64), frame)
+        displacement[:, body] = corrected_path(correct, displacement[:, body].astype(np.float64), share)
     seconds = (time.perf_counter() - start) / max(len(displacement) - 1, 1)
-    return replace(trajectory, displacement=displacement, per_frame={"error_bar": path.bar, "unsure": path.unsure.astype(np.int64)},
+    return replace(trajectory, displacement=displacement, remainder=None,
+                   per_frame={"error_bar": path.bar, "unsure": path.unsure.astype(np.int64)},
                    extra={"run": model.name, "seconds_per_step": seconds, "unsure_frames": int(path.unsure.sum())})
 
 
@@ -89,7 +92,7 @@ def _blind(trajectory: Trajectory, layout: Layout = SOLID_BODY) -> Trajectory:
     layout.check(trajectory)
     free = layout.free(trajectory)[:, None]
     if not layout.flow:
-        return replace(trajectory, displacement=np.where(free, np.float32(0), trajectory.displacement), fields={})
+        return replace(trajectory, displacement=np.where(free, np.float32(0), trajectory.displacement), remainder=None, fields={})
     velocity = np.where(free, np.float32(0), trajectory.fields["velocity"])
     known = slice(layout.first(trajectory) + 1)
     velocity[known] = trajectory.fields["velocity"][known]
@@ -103,22 +106,26 @@ def walk(model: Model, example: Example, correct: Correction | None = None, *,
 
     start: (N, D) displacement [m] of free nodes at frame 0, of which a pose knows nothing; a flow starts as the file tells
     """
-    free, given, body, space = example.skeleton.free[:, None], example.states, example.trajectory.body, example.layout.space
+    free, given, length = example.skeleton.free[:, None], example.states, example.length
+    body, space = example.trajectory.body, example.layout.space
     predicted = np.zeros((*given.shape[:2], example.layout.widths.outputs), np.float32)
-    predicted[..., :space] = given
+    predicted[..., :space] = metres = example.layout.states(example.trajectory)
     at_once = BATCH if model.config.scheme == "pose" else 1
-    before = now = np.where(free & (not example.layout.flow), start, given[example.layout.first(example.trajectory)]).astype(np.float64)
+    before = now = np.where(free & (not example.layout.flow), start / length,
+                            given[example.layout.first(example.trajectory)]).astype(np.float64)
     for first in range(0, len(example.targets), at_once):
         targets = example.targets[first:first + at_once].tolist()
         for target, found in zip(targets, _predict(model, example, targets, [now] * len(targets), [before] * len(targets)), strict=True):
             after = np.where(free, found[:, :space], given[target])
             if correct is not None:
-                after[body] = correct(np.pad(after[body], ((0, 0), (0, 3 - space))), target)[:, :space]
+                after[body] = correct(length * np.pad(after[body], ((0, 0), (0, 3 - space))), target)[:, :space] / length
             if not np.isfinite(after).all():
                 raise FloatingPointError(f"the rollout is not finite at step {target} of {len(given) - 1}: the network has "
                                          f"left the states it was trained on; train longer, or with more noise")
-            predicted[target] = np.concatenate([after, np.where(body[:, None], found[:, space:], 0)], axis=1)
+            predicted[target] = np.concatenate([length * after, np.where(body[:, None], found[:, space:], 0)], axis=1)
             before, now = now, after
+    if correct is None:  # what is given stays so to the last bit
+        predicted[:, ~example.skeleton.free, :space] = metres[:, ~example.skeleton.free]
     return predicted
 
 
@@ -139,21 +146,22 @@ def predict_step(model: Model | AtOnce, trajectory: Trajectory, *, batch_size: i
 
 def _steps(model: Model, example: Example, batch_size: int) -> NDArray[np.float32]:
     """(T - 1, N, O) the state one step after each true frame, with further fields."""
-    true, free = example.states, example.skeleton.free
+    true, free, space = example.states, example.skeleton.free, example.layout.space
     predicted = np.zeros((len(true) - 1, true.shape[1], example.layout.widths.outputs), np.float32)
     for first in range(0, len(predicted), batch_size):
         steps = list(range(first, min(first + batch_size, len(predicted))))
         found = _predict(model, example, [step + 1 for step in steps], [true[step] for step in steps],
                          [true[max(step - 1, 0)] for step in steps])
         predicted[steps] = found
-    predicted[..., :true.shape[2]][:, ~free] = true[1:, ~free]
+    predicted[..., :space] *= example.length
+    predicted[..., :space][:, ~free] = example.layout.states(example.trajectory)[1:, ~free]
     return predicted
 
 
 def rollout_error(model: Model, example: Example) -> float:
     """Root mean square distance [m], of a flow [m/s], of a rollout from the truth, over all free nodes and the example's targets."""
     predicted = walk(model, replace(example, trajectory=_blind(example.trajectory, example.layout)))
-    error = (predicted[..., :example.layout.space] - example.states)[example.targets][:, example.skeleton.free]
+    error = (predicted[..., :example.layout.space] - example.layout.states(example.trajectory))[example.targets][:, example.skeleton.free]
     return float(np.sqrt((error.astype(np.float64) ** 2).sum(axis=-1).mean()))
 
 

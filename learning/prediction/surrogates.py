@@ -90,7 +90,7 @@ def estimated(name: str, *, rough: bool = False) -> Predictor:
         start, path = time.process_time(), np.zeros_like(case.truth)
         given = np.where(case.trajectory.free[:, None], np.float32(0), case.trajectory.displacement)
         try:
-            estimator = estimator_of(replace(case.trajectory, displacement=given), rough=rough)
+            estimator = estimator_of(replace(case.trajectory, displacement=given, remainder=None), rough=rough)
         except InputError as error:
             raise LeftOut(f"{error}") from None
         path[1:] = estimator.frames(range(1, case.steps + 1))[0]
@@ -116,7 +116,7 @@ def corrected_rollout(model: Model | AtOnce, trajectory: Trajectory, scene: Scen
             raise LeftOut(f"a Newton step led nowhere at frame {frame}: {error}") from None
 
     try:
-        return rollout(model, trajectory, correct=correct), corrector
+        return rollout(model, trajectory, correct=correct, share=corrector.share), corrector
     except FloatingPointError as error:
         raise LeftOut(f"it blows up: {error}") from None
 

@@ -21,6 +21,8 @@ A stepwise simulator walks on its own predictions, so it is trained on disturbed
 and u(f - 1) above is that of x'. The target is corrected: it leads from the disturbed position to the true next one, so the
 network learns to repair. A pose has no past, and no noise.
 
+Lengths are in metres, or counted in cells or sizes of the body, the config's own among them: all of what is above is then in that unit.
+
 Bodies in a plane have D = 2 coordinates, others D = 3. Of a flow u above is the velocity at nodes that stay, and only the first row
 is there. Further fields, stress or pressure (graphs/layout.py), are told beside y as they are in frame f, on all nodes of the body.
 
@@ -80,10 +82,16 @@ class Example:
     estimate: Estimate | None
     layout: Layout = SOLID_BODY
 
-    @property
+    @cached_property
     def states(self) -> NDArray[np.float32]:
-        """(T, N, D) displacement [m], or velocity [m/s] of a flow."""
-        return self.layout.states(self.trajectory)
+        """(T, N, D) displacement in units of length, or velocity [m/s] of a flow."""
+        found = self.layout.states(self.trajectory)
+        return found if self.length == 1 else found / np.float32(self.length)
+
+    @cached_property
+    def length(self) -> float:
+        """[m] what lengths are counted in."""
+        return self.layout.unit(self.trajectory)
 
     @cached_property
     def asked(self) -> Tensor:
@@ -93,7 +101,7 @@ class Example:
 
 @dataclass(frozen=True)
 class Sample:
-    """What a frame is predicted from: its graph, base (N, D) [m] and unit [m], see the module."""
+    """What a frame is predicted from: its graph, base (N, D) and unit, see the module."""
 
     graph: Graph
     base: NDArray[np.float64]
@@ -112,7 +120,7 @@ def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: boo
     if not files:
         raise InputError("no trajectory files given")
     examples, trajectories = [], [_trajectory(path) for path in files]
-    layout = layout or layout_of(trajectories, config.outputs.fields, material=config.inputs.material)
+    layout = layout or layout_of(trajectories, config.outputs.fields, material=config.inputs.material, lengths=config.inputs.lengths)
     if not (walk or layout.flow or any(map(moves, trajectories))):
         others = ", ".join(trajectories[0].fields)
         raise InputError(f"nothing moves in this set: the displacement of every free node of its {len(files)} trajectories is zero, and "
@@ -153,7 +161,7 @@ def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArr
     Raises:
         InputError: a mesh that cannot be cut, a trajectory of another layout, a scheme that flows do not know
     """
-    layout = layout or layout_of([trajectory], config.outputs.fields, material=config.inputs.material)
+    layout = layout or layout_of([trajectory], config.outputs.fields, material=config.inputs.material, lengths=config.inputs.lengths)
     layout.check(trajectory)
     if layout.flow and (config.scheme != "step" or config.history or config.estimate):
         raise InputError('a flow is predicted step by step: scheme = "step", without history and estimate')
@@ -191,7 +199,7 @@ def describe(example: Example, target: int, now: NDArray[np.floating], before: N
         return Sample(flow_graph(skeleton, np.where(free, shown, given)), shown, 1.0)
     base, unit = np.zeros_like(given), 1.0
     if example.estimate is not None:
-        base[:], answer = (found[:, :example.layout.space] for found in example.estimate.at(target))
+        base[:], answer = (found[:, :example.layout.space] / example.length for found in example.estimate.at(target))
         unit = unit_of(answer, skeleton.free)
     if config.scheme == "pose":
         shown, velocity = np.where(free, base, given), np.zeros_like(given)

@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 GAP_TOLERANCE = 1e-6  # error of a gap over the size of a cell
 STRONGEST = 1e3  # of a load, in units of Young's modulus
 FARTHEST = 1e4  # of an obstacle's path, in lengths that are safe for one step
-TURNED = 0.035  # of the smallest extent of the body that a node may move before a factor is made anew for correcting predictions
+TURNED = 0.1  # of the smallest extent of the body that a node may move before a factor is made anew for correcting predictions
 
 
 class Balance:

@@ -7,4 +7,5 @@
     carried   a stored flow at other points
     flow      how good a predicted flow is
     correct   what Newton steps make of it
+    along     a whole path corrected at some of its frames
 """

@@ -66,6 +66,11 @@ class Corrector:
         return state.u
 
     @property
+    def share(self) -> float:
+        """Of the way from a prediction, that a correction may leave."""
+        return 0.0 if self.count is None else 0.1**self.count / MARGIN
+
+    @property
     def iterations(self) -> int:
         """Newton steps so far, those that led nowhere included."""
         return self.newton.taken
@@ -102,7 +107,7 @@ class Corrector:
         last, led = self._starts.states[-1], self.newton.led(start, self.balance.moved(fraction))
         if self.count is None:
             return self.newton.equilibrium(fraction, led, last)
-        return self.newton.improve(fraction, led, last, guess=guess, share=0.1**self.count / MARGIN)
+        return self.newton.improve(fraction, led, last, guess=guess, share=self.share)
 
     def _first(self, ways: Iterable[Callable[[], State]]) -> State:
         """What the first way that leads anywhere leads to, each with a new factor after one that did not. Raises `NoEquilibrium`."""

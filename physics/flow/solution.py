@@ -23,7 +23,7 @@ from physics.flow.space import FlowSpace
 from physics.flow.stationary import NoStationaryFlow, stationary
 from physics.flow.stepping import Memory, Stepper
 from physics.flow.stored import Stored, computed_mesh, stored
-from physics.journal import Journal, digest_of, flatten, unflatten
+from physics.journal import Arrays, digest_of, follow, unflatten
 from physics.mesh.mesh import Mesh, rows_in
 from physics.scene.flow import FlowScene
 from physics.schema import WorkError
@@ -78,7 +78,7 @@ def solve_flow(scene: FlowScene, *, mesh: Mesh | None = None, on_step: Callable[
         WorkError: the flow could not be followed, or no stationary one was found; another process has the journal open
         InputError: the scene does not fit its mesh, or the journal is of another scene
     """
-    started, processor, spent = time.perf_counter(), time.process_time(), 0.0
+    started, processor = time.perf_counter(), time.process_time()
     space = FlowSpace(mesh or computed_mesh(scene), scene.order)
     conditions = conditions_of(scene, space)
     forces = None if scene.force is None else Forces(scene, scene.force, space)
@@ -87,40 +87,26 @@ def solve_flow(scene: FlowScene, *, mesh: Mesh | None = None, on_step: Callable[
     rest.u[conditions.fixed] = conditions.values(0.0)
     stepper = Stepper(space, conditions, scene.fluid.viscosity / scene.fluid.density, rest)
     set_up = time.process_time() - processor
-    kept = None if journal is None else Journal(journal, f"flow {digest_of(scene.to_toml(), space.mesh.points, space.mesh.cells)}")
-    frames: list[dict[str, Any]] = []
-    failure = ""
-    try:
-        if kept is not None and kept.frames:
-            frames = kept.rows
-            spent = float(kept.memory["seconds"])
-            stepper.memory = unflatten(Memory, kept.memory)
-        resumed = max(0, len(frames) - 1)
-        for frame in range(len(frames), scene.steps.count + 1):
-            before = stepper.memory.steps
-            try:
-                if frame:
-                    _go_on(scene, stepper, frame)
-            except (NoFlow, NoStationaryFlow) as error:
-                failure = f"frame {frame}: {error}"
-                break
-            frames.append({"velocity": where.velocity(stepper.memory.u), "pressure": where.pressure(stepper.memory.p, scene.fluid.density),
-                           **figures(stepper, forces, scene.fluid.density, stepper.memory.steps - before)})
-            if kept is not None:
-                kept.add(frames[-1], flatten(stepper.memory) | {"seconds": np.array(spent + time.perf_counter() - started)})
-            if on_step is not None and frame:
-                on_step(frame)
-        if kept is not None:
-            kept.save()
-    finally:
-        if kept is not None:
-            kept.close()
-    rows = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
+
+    def go(frame: int) -> dict[str, Any]:
+        before = stepper.memory.steps
+        if frame:
+            _go_on(scene, stepper, frame)
+        return {"velocity": where.velocity(stepper.memory.u), "pressure": where.pressure(stepper.memory.p, scene.fluid.density),
+                **figures(stepper, forces, scene.fluid.density, stepper.memory.steps - before)}
+
+    def recall(arrays: Arrays) -> None:
+        stepper.memory = unflatten(Memory, arrays)
+
+    way = follow(scene.steps.count, go, lambda: stepper.memory, recall, failures=(NoFlow, NoStationaryFlow), path=journal,
+                 identity=f"flow {digest_of(scene.to_toml(), space.mesh.points, space.mesh.cells)}", started=started, on_step=on_step)
+    failure = "" if way.failed is None else "frame {}: {}".format(*way.failed)
+    rows = way.frames
     found = FlowSolution(
         mesh=where.mesh, velocity=rows.pop("velocity"), pressure=rows.pop("pressure"), per_frame=rows, set_up=set_up,
         node_place=_places(where, space, conditions, scene), scale=None if forces is None else forces.scale,
         model=_model(scene, space, rows), remarks=_remarks(scene, space, rows), factorisations=stepper.factorisations,
-        seconds=spent + time.perf_counter() - started, resumed=resumed, failure=failure)
+        seconds=way.seconds, resumed=way.resumed, failure=failure)
     if failure and not partial:
         raise WorkError(failure)
     return found
