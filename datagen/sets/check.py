@@ -93,7 +93,8 @@ def unfit(trajectory: Trajectory) -> list[str]:
     deep = np.flatnonzero(frames.get("penetration", zero) > PENETRATION * float(trajectory.mesh.extent.min()))
     return ([f"the body snaps at step {snaps[0]}"] if len(snaps) else []) + (
         [f"a cell turns inside out at step {inverted[0]}"] if len(inverted) else []) + (
-        [f"the obstacle penetrates too far at step {deep[0]}"] if len(deep) else [])
+        [f"the obstacle penetrates too far at step {deep[0]}"] if len(deep) else []) + (
+        [folds] if (folds := trajectory.extra.get("model", {}).get("folds")) else [])
 
 
 def precision(trajectory: Trajectory) -> NDArray[np.float64]:
