@@ -33,6 +33,7 @@ def add_scene_verbs(verb: Callable[..., argparse.ArgumentParser], positive: Call
     add("--dirichlet", metavar="NAME,NAME", help="where Laplacian modes are zero; 'none': nowhere (all but a place named outlet)")
     add("--out", help="shapes as .vtu, or as .vtkhdf in the layout of a trajectory")
     add("--picture", metavar="FOLDER", help="a picture and a film of each mode")
+    add("--error", type=float, help="relative error of the frequencies: mesh and order of the cells are chosen for it")
     add("--no-films", action="store_true", help="pictures alone, in a twentieth of the time")
     add("--html", metavar="FILE", help="a page in which the modes are turned by hand, .html")
     _set(add)
@@ -55,8 +56,8 @@ def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, proc
     out = writable(options.out, ".vtu", ".vtkhdf")
     picture = writable(options.picture)
     html = writable(options.html, ".html", option="--html")
-    found = _elastic(options, processes > 1) if options.kind == "elastic" else _laplacian(options, processes > 1)
     elastic = options.kind == "elastic"
+    found, chosen = _elastic(options, processes > 1) if elastic else (_laplacian(options, processes > 1), None)
     values = list(found.frequencies_hz) if elastic else found.eigenvalues.tolist()
     for i, value in enumerate(values):
         say(f"mode {i + 1:3d}  {value:12.6g} {'Hz' if elastic else '1/m2'}  residual {found.residuals[i]:.1e}")
@@ -66,7 +67,7 @@ def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, proc
               "cells": found.cells, "solver": found.solver, "clusters": [[i + 1 for i in members] for members in found.clusters],
               "remarks": list(found.remarks)} | found.report
     if rank == 0 and out is not None:
-        _write_modes(out, options, found)
+        _write_modes(out, options, found, chosen)
         say(f"shapes: {out}")
     names = [f"{'f' if elastic else 'lambda'} = {value:.5g} {'Hz' if elastic else '1/m2'}" for value in values]
     if rank == 0 and picture is not None:
@@ -82,10 +83,22 @@ def modes(options: Options, *, say: Say, writable: Writable, rank: int = 0, proc
                    {"mesh": f"{len(found.mesh.points)} nodes, {found.cells}", "solver": found.solver, "remarks": "; ".join(found.remarks)})
         result["html"] = str(html)
         say(f"page: {html}")
+    if chosen is not None:
+        _judged(chosen.verdict, "the modes are those of that mesh", result, say)
     return result
 
 
-def _elastic(options: Options, spread: bool) -> Any:
+def _judged(verdict: Any, made: str, result: dict[str, Any], say: Say) -> None:
+    """Say what is known of an error that was asked for. Raises `WorkError` when it is not kept; made: what there is all the same."""
+    result["accuracy"] = verdict.table()
+    for text in verdict.lines():
+        say(text)
+    if not verdict.reached:
+        raise WorkError(f"{verdict.not_kept()}; {made}", result)
+
+
+def _elastic(options: Options, spread: bool) -> tuple[Any, Any]:
+    """The modes of a scene, and where an error is asked for what was chosen (`ChosenModes`)."""
     from physics.modes.elastic import elastic_modes
     from physics.scene import load_solid
 
@@ -93,11 +106,21 @@ def _elastic(options: Options, spread: bool) -> Any:
         raise InputError("--dirichlet is for --kind laplacian; elastic modes take the supports of the scene")
     if Path(options.scene).suffix.lower() != ".toml":
         raise InputError(f"{options.scene}: elastic modes need a scene (.toml) with a material; its [body] may name a mesh file")
-    scene = load_solid(options.scene, options.set)
+    error = getattr(options, "error", None)
+    asked = [] if error is None else [f"steps.error={error}"]
+    scene = load_solid(options.scene, [*options.set, *asked], anew=bool(asked))
+    if scene.steps.error is not None:
+        from physics.accuracy.frequency import choose_modes
+
+        if spread or options.at is not None:
+            raise InputError("steps.error: the mesh is chosen in one process" if spread else
+                             "--at: its mesh is there already; leave error out")
+        chosen = choose_modes(scene, options.count)
+        return chosen.modes, chosen
     if options.at is None:
-        return elastic_modes(scene, count=options.count, spread=spread)
+        return elastic_modes(scene, count=options.count, spread=spread), None
     mesh, state = _state(scene, options.at)
-    return elastic_modes(scene, count=options.count, spread=spread, mesh=mesh, at=state)
+    return elastic_modes(scene, count=options.count, spread=spread, mesh=mesh, at=state), None
 
 
 def _state(scene: Any, at: str) -> tuple[Any, tuple[Any, float]]:
@@ -127,6 +150,8 @@ def _laplacian(options: Options, spread: bool) -> Any:
 
     if options.at is not None:
         raise InputError("--at is for elastic modes; those of a shape alone know no load")
+    if getattr(options, "error", None) is not None:
+        raise InputError("--error is for elastic modes and simulate")
     if options.set:
         raise InputError("--set is for elastic modes and simulate; a shape alone has nothing to change but its mesh")
     names = options.dirichlet
@@ -134,7 +159,7 @@ def _laplacian(options: Options, spread: bool) -> Any:
     return laplacian_modes(load_body(options.scene), count=options.count, dirichlet=chosen, spread=spread)
 
 
-def _write_modes(out: Path, options: Options, found: Any) -> None:
+def _write_modes(out: Path, options: Options, found: Any, chosen: Any = None) -> None:
     """The shapes as .vtu, or as a trajectory file of the rest state alone."""
     if out.suffix == ".vtkhdf":
         from datagen.files.places import mesh_file, places_of
@@ -147,7 +172,7 @@ def _write_modes(out: Path, options: Options, found: Any) -> None:
         if not elastic:
             about = {"extra": {"laplacian_eigenvalues": found.eigenvalues.tolist()}}
         else:
-            scene = load_solid(options.scene, options.set)
+            scene = load_solid(options.scene, options.set) if chosen is None else chosen.scene
             about = {"scene": scene.to_toml(), "frequencies_hz": found.frequencies_hz}
             if scene.body.shape == "file":
                 about |= {"places": places_of(found.mesh), "extra": {"mesh_file": mesh_file(scene)}}
@@ -242,11 +267,7 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
         result["html"] = str(html)
         say(f"page: {html}")
     if verdict is not None:
-        result["accuracy"] = verdict.table()
-        for text in verdict.lines():
-            say(text)
-        if not verdict.reached:
-            raise WorkError(verdict.not_kept(str(out)), result)
+        _judged(verdict, f"its path is in {out}", result, say)
     return result
 
 

@@ -26,6 +26,7 @@ from physics.journal import digest_of, follow, unflatten
 from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
+from physics.mesh.sound.folded import folded
 from physics.modes.locking import said_of_path
 from physics.motion.dynamics import Motion
 from physics.scene import Scene, Steps
@@ -121,7 +122,8 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     found = Solution(
         mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
-        model=path.model() | snapped(way.frames["snap"]),
+        model=path.model() | snapped(way.frames["snap"]) | _cut(mesh, way.frames["displacement"])
+        | _inside_out(scene, mesh, way.frames["displacement"]),
         seconds=way.seconds, set_up=set_up, resumed=way.resumed, failure=failure)
     if failure and not partial:
         raise NoEquilibrium(failure, found)
@@ -161,3 +163,24 @@ def snapped(snap: Floats) -> dict[str, str]:
         return {}
     named = ", ".join(map(str, steps[:5])) + (f" and {len(steps) - 5} more" if len(steps) > 5 else "")
     return {"snaps": f"at step {named} the body moved by up to {snap.max():.3g} m without an equilibrium between, as in a viscous medium"}
+
+
+def _cut(mesh: Mesh, displacement: Floats) -> dict[str, str]:
+    """Where a body passes through itself in a path (T, N, 3), in words."""
+    found = folded(mesh, displacement)
+    if found is None:
+        return {}
+    step, where = found
+    return {"folds": f"at step {step} the body passes through itself, near ({', '.join(f'{x:.3g}' for x in where)}) m: it does not feel "
+                     "itself, and from there on it is not to be believed"}
+
+
+def _inside_out(scene: Scene, mesh: Mesh, displacement: Floats) -> dict[str, str]:
+    """From which step of a path (T, N, 3) on a cell is turned inside out, which one law bears without resistance, in words."""
+    if all(material.law != "saint-venant-kirchhoff" for material in scene.materials):
+        return {}
+    inverted = np.flatnonzero(smallest_det_f(mesh.points, displacement, mesh.cells, mesh.cell) <= 0)
+    if not len(inverted):
+        return {}
+    return {"inside out": f"at step {inverted[0]} a cell is turned inside out, which saint-venant-kirchhoff bears and no body does; from "
+                          "there on it is not to be believed: take a neo-hookean law, or press less"}

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from physics.equilibrium.balance import Balance
 from physics.mesh.build import build_mesh
+from physics.mesh.quality import cell_volumes
 
 
 def solve(scene, *, tolerance=1e-9, elasticity=None, steps=None, soften=1.0, halve=True, mesh=None):
@@ -29,6 +30,7 @@ def solve(scene, *, tolerance=1e-9, elasticity=None, steps=None, soften=1.0, hal
     if balance.contact is not None:
         balance.contact.softness = balance.contact.softness * soften
     space, contact = balance.elasticity.space, balance.contact
+    rounding = rounding_of(balance)
     u, frames = np.zeros_like(mesh.points), [np.zeros_like(mesh.points)]
     for step in range(1, (steps or scene.steps.count) + 1):
         fraction = step / scene.steps.count
@@ -42,8 +44,8 @@ def solve(scene, *, tolerance=1e-9, elasticity=None, steps=None, soften=1.0, hal
                 break
             direction = space.from_dofs(solve_linear(hessian, -free))
             length, before = 1.0, potential(balance, u, fraction) if halve else 0.0
-            # A fall below the rounding of the potential, eps (|W| + |b.u|), cannot be told from none.
-            while halve and not potential(balance, u + length * direction, fraction) <= before + 1e-9 * abs(before) and length > 1e-4:
+            enough = before + 1e-9 * abs(before) + rounding
+            while halve and not potential(balance, u + length * direction, fraction) <= enough and length > 1e-4:
                 length /= 2
             u = u + length * direction
         else:
@@ -65,6 +67,12 @@ def potential(balance, u, fraction):
     return value
 
 
+def rounding_of(balance):
+    """[J] below which a fall of the potential cannot be told from none: the energy of a cell is a difference of terms of E V each."""
+    mesh = balance.mesh
+    return 100 * np.finfo(float).eps * balance.scene.stiffest * cell_volumes(mesh.points, mesh.cells, mesh.cell).sum()
+
+
 def derivatives(balance, u, fraction):
     """Gradient (N, 3) of the potential and its Hessian (3 N, 3 N) in dolfinx's order."""
     gradient = balance.elasticity.force(u) - fraction * balance.load
@@ -82,7 +90,8 @@ def contact_hessian(balance, u, fraction):
     touched = np.flatnonzero(gap < 0)
     weights = contact.surface.weights[touched]
     nodes = np.unique(weights.indices)
-    gradient = (weights[:, nodes].toarray()[:, :, None] * normal[touched][:, None, :]).reshape(len(touched), 3 * len(nodes))  # (q, 3 n)
+    gradient = weights[:, nodes].toarray()[:, :, None] * normal[touched][:, None, :] * ~balance.fixed[nodes]  # held nodes do not move
+    gradient = gradient.reshape(len(touched), 3 * len(nodes))  # (q, 3 n)
     # The curvature of the obstacle is left out: it takes away from the stiffness, and the step would no longer lead downhill.
     block = gradient.T @ (gradient / contact.softness[touched, None])
     dofs, size = balance.elasticity.space.dofs[nodes].ravel(), u.size
@@ -91,7 +100,7 @@ def contact_hessian(balance, u, fraction):
 
 
 def solve_linear(hessian, right):
-    # Held rows and columns are those of the identity already; contact adds to none, for held nodes are not in contact.
+    # Held rows and columns are those of the identity.
     matrix = PETSc.Mat().createAIJ(hessian.shape, csr=(hessian.indptr, hessian.indices, hessian.data), comm=PETSc.COMM_SELF)
     pc = PETSc.PC().create(PETSc.COMM_SELF)
     pc.setOperators(matrix)

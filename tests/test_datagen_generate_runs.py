@@ -138,6 +138,15 @@ def test_a_scene_in_which_a_cell_turns_inside_out_is_drawn_again(solver, tmp_pat
     assert second.failed_attempts == ("smallest_det_f is not finite everywhere",)
 
 
+def test_a_scene_that_the_check_would_find_too_deeply_penetrated_is_drawn_again(solver, tmp_path):
+    """A thousandth of the smallest side, 0.1 of the length here: a hundredth less passes."""
+    for attempt, of in enumerate((1.01, 0.99)):
+        deep = 1e-4 * draw(FAMILY, 0, 0, attempt).body.length * np.array([0.0, 0.5, of])
+        solver.faults[(0, attempt)] = {"per_frame": tiny().per_frame | {"snap": np.zeros(3), "penetration": deep}}
+    run(tmp_path, workers=1)
+    assert dataset.read_manifest(tmp_path).trajectories[0].failed_attempts == ("the obstacle penetrates too far at step 2",)
+
+
 def test_after_five_attempts_the_rest_is_kept_and_another_run_goes_on(solver, tmp_path):
     solver.faults = {1: RuntimeError("no way"), 2_000_000: RuntimeError("nowhere\nat all")}
     with pytest.raises(RuntimeError) as error:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from datagen.files.layout import EXTRA, displacements, misshapen
+from datagen.files.layout import EXTRA, displacements, exact, is_remainder, misshapen, precision, remainder_of
 from physics.schema import InputError
 
 T, N = 3, 5
@@ -17,7 +17,7 @@ def made(**changes):
     parts = {"displacement": np.zeros((T, N, 3), np.float32), "points": np.zeros((N, 3)), "node_kind": np.zeros(N, np.uint8),
              "connectivity": np.arange(7), "offsets": np.arange(2), "types": np.array([12, 5], np.uint8),
              "modes": np.zeros((2, N, 3), np.float32), "segment": None, "body": np.array([True] + [False] * (N - 1)),
-             "per_frame": {"drag": np.zeros(T), "gap": np.zeros((T, 2)), "count": np.zeros(T, np.int64)},
+             "remainder": None, "per_frame": {"drag": np.zeros(T), "gap": np.zeros((T, 2)), "count": np.zeros(T, np.int64)},
              "fields": {"stress": np.zeros((T, N, 6))}, "frequencies_hz": (1.0, 2.0), "extra": {}}
     return SimpleNamespace(**parts | changes)
 
@@ -55,6 +55,8 @@ def test_what_fits_is_not_complained_of():
     ({"fields": {"stress": np.zeros((T, N + 1, 6))}}, "stress is 3 x 6 x 6 of float64, not 3 x 5 x any numbers"),
     ({"fields": {"stress": np.zeros((T, N))}}, "stress is 3 x 5 of float64, not 3 x 5 x any numbers"),
     ({"fields": {"stress": np.zeros((T, N, 6), int)}}, "stress is 3 x 5 x 6 of int64, not 3 x 5 x any numbers"),
+    ({"remainder": np.zeros((T, N + 1, 3))}, "remainder is 3 x 6 x 3 of float64, not 3 x 5 x 3 numbers"),
+    ({"remainder": np.zeros((T, N, 3), int)}, "remainder is 3 x 5 x 3 of int64, not 3 x 5 x 3 numbers"),
     ({"types": np.zeros(0, int)}, "it has no cells, or cells of a kind that is not among"),
     ({"connectivity": np.zeros(0, int)}, "it has no cells, or cells of a kind that is not among"),
     ({"types": np.array([12, 99])}, "it has no cells, or cells of a kind that is not among"),
@@ -98,3 +100,27 @@ def test_what_cannot_be_made_an_array_is_said_in_the_first_line_of_why(error):
 
     with pytest.raises(InputError, match=r"^displacement is no array of numbers: not here$"):
         displacements(Odd(), None, N, "")
+
+
+def test_a_remainder_gives_back_what_rounding_took_to_twelve_bits():
+    """0.1 is 0x3dcccccd in single precision, which is 1.490116e-9 too large (IEEE 754); of that 12 bits are kept."""
+    given = np.array([[[0.1, -0.1, 0.0], [1.0, 2**-130, 1 / 3]]])
+    rounded, rest = given.astype(np.float32), remainder_of(given)
+    assert rest.dtype == np.float32 and rest[0, 0, 0] == pytest.approx(-1.4901161193847656e-9, rel=2**-12)
+    assert rest[0, 0, 1] == -rest[0, 0, 0] and rest[0, 0, 2] == rest[0, 1, 0] == rest[0, 1, 1] == 0
+    assert not (rest.view(np.uint32) & 0xfff).any()
+    draws = 0.02 * np.random.default_rng(0).standard_normal((2, 500, 3))
+    rounded, rest = draws.astype(np.float32), remainder_of(draws)
+    off = abs(exact(rounded, rest) - draws)
+    assert (off <= precision(rounded, rest)).all() and off.max() < 2**-36 * abs(draws).max() and is_remainder(rest, rounded)
+    assert off.max() > 2**-42 * abs(draws).max()  # as sharp as it says: a few bits more would show
+    assert np.array_equal(exact(rounded, None), rounded.astype(np.float64))
+    assert np.array_equal(precision(rounded, None), 2.0**-24 * abs(rounded.astype(np.float64)))
+
+
+def test_what_rounding_cannot_have_taken_is_no_remainder():
+    u = np.array([[[1.0, -3.0, 0.0]]], np.float32)  # units in the last place: 2^-23, 2^-22, the smallest number
+    for rest, fits in (([2**-24, -(2**-23), 0], True), ([2**-24, 2**-22, 0], False), ([2.1 * 2**-24, 0, 0], False), ([0, 0, 1e-20], False),
+                       ([np.nan, 0, 0], False)):
+        assert is_remainder(np.array([[rest]], np.float32), u) is fits
+    assert not is_remainder(np.zeros((1, 1, 3), np.float32), np.array([[[np.inf, 0, 0]]], np.float32))

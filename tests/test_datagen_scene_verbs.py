@@ -76,7 +76,8 @@ def test_elastic_modes_are_asked_for_with_the_changes_of_the_scene_and_the_state
 
 def test_laplacian_modes_take_a_shape_and_nothing_of_a_scene(tmp_path):
     given = {"scene": tmp_path / "s.toml", "dirichlet": None, "set": [], "count": 1, "at": None}
-    for wrong, words in (({"at": "t:1"}, "--at is for elastic modes"), ({"set": ["a=1"]}, "--set is for elastic modes and simulate")):
+    for wrong, words in (({"at": "t:1"}, "--at is for elastic modes"), ({"set": ["a=1"]}, "--set is for elastic modes and simulate"),
+                         ({"error": 0.01}, "--error is for elastic modes and simulate")):
         with pytest.raises(InputError, match=words):
             scene_verbs._laplacian(argparse.Namespace(**given | wrong), False)
 
@@ -101,8 +102,8 @@ def test_a_process_alone_is_the_first_one_and_writes(tmp_path, monkeypatch):
     written = []
     found = SimpleNamespace(frequencies_hz=(1.0,), residuals=np.zeros(1), dofs=3, cells="1 cell", solver="dense", remarks=(), seconds=0.0,
                             clusters=[], report={})
-    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: found if not spread else None)
-    monkeypatch.setattr(scene_verbs, "_write_modes", lambda out, options, found: written.append(out))
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: (None if spread else found, None))
+    monkeypatch.setattr(scene_verbs, "_write_modes", lambda out, options, found, chosen: written.append(out))
     options = argparse.Namespace(kind="elastic", scene="s.toml", out="m.vtu", picture=None, html=None)
     scene_verbs.modes(options, say=lambda text: None, writable=writable)
     assert written == ["m.vtu"]

@@ -128,9 +128,9 @@ def test_every_study_of_the_package_has_every_size(file, size):
     plan = load_plan(file.stem, size)
     assert plan.seeds == (3 if size != "check" and file.stem != "cost" else 1)
     flows = "cylinder-flow-small" if size == "check" else "cylinder-flow"
-    assert plan.sets["data"][1].family == {"materials": "beam-materials", "flow": flows}.get(file.stem, "beam-plane")
+    assert plan.sets["data"][1].family == {"materials": "beam-materials", "plate": "plate", "flow": flows}.get(file.stem, "beam-plane")
     assert len(plan.rows) == {"main": 7, "transfer": 3, "message-steps": 6, "method": 7, "segments": 10, "generalisation": 6, "noise": 28,
-                              "cost": 7, "materials": 3, "flow": 7}[file.stem]
+                              "cost": 7, "materials": 3, "plate": 7, "flow": 7}[file.stem]
 
 
 def test_the_paper_sizes_are_the_papers():
@@ -157,6 +157,17 @@ def test_the_paper_sizes_of_flows_are_the_papers():
     assert {key: published[key][0] for key in ("train_ms", "test_ms", "memory", "hours")} == {
         "train_ms": 56.2, "test_ms": 20.0, "memory": 366.6e6, "hours": 31.2}
     assert plan.sets["data"][1].splits == {"train": 1000, "valid": 100, "test": 100}
+
+
+def test_the_plates_of_the_paper_are_trained_as_there():
+    # Lei et al., "Training Details", "M4GN Configurations", "Baselines": DeformingPlate, 2 M steps, 19 segments without overlap, tau 1
+    rows = {row.name: row for row in load_plan("plate", "paper").rows}
+    outputs = Outputs(fields=("von_mises",))
+    m4gn = TrainConfig(steps=2_000_000, validate_every=20_000, tau=1.0, noise=0.003, contact_radius=0.01, outputs=outputs)
+    assert rows["M4GN"].config == m4gn and rows["MGN"].config == replace(m4gn, network=MGNConfig(world_radius=0.03))
+    assert [rows[name].config.network.levels for name in ("g-U-Net", "BSMS-GNN")] == [6, 6]
+    assert rows["M4GN"].published["test"]["rmse_all"][0] == 2.65e-3 and rows["Transolver"].published["test"]["rmse_all"][0] == 3.02e-3
+    assert load_plan("plate", "paper").sets["data"][1].splits == {"train": 1000, "valid": 100, "test": 100}
 
 
 # ---- trainings

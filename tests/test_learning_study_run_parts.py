@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from learning.config import TrainConfig
+from learning.config import Outputs, TrainConfig
 from learning.study import run
 from learning.study.plan import Data, Plan, Row, Trial
 from learning.study.table import Cell
@@ -73,13 +73,21 @@ def test_sets_are_made_but_for_that_which_is_given(tmp_path, data):
     said = []
     made = {"data": tmp_path / "sets" / "data", "far": tmp_path / "sets" / "far"}
     assert run._sets(plan_of(), tmp_path, None, 5, said.append) == made
-    assert data == [(({"k": 1}, tmp_path / "sets" / "data.toml"), {"train": 2, "test": 1}, made["data"], {"seed": 3, "workers": 5}),
-                    (({"k": 2}, tmp_path / "sets" / "far.toml"), {"test": 1}, made["far"], {"seed": 0, "workers": 5})]
+    how = {"workers": 5, "stress": False}
+    assert data == [(({"k": 1}, tmp_path / "sets" / "data.toml"), {"train": 2, "test": 1}, made["data"], {"seed": 3} | how),
+                    (({"k": 2}, tmp_path / "sets" / "far.toml"), {"test": 1}, made["far"], {"seed": 0} | how)]
     assert said == [f"4 trajectories of beam-small made in 2 s: {made['far']}"]
     data.clear()
     given = tmp_path / "given"
     assert run._sets(plan_of(), tmp_path, given, None, said.append) == {"data": given, "far": made["far"]}
     assert data[:3] == [("manifest", given), (given, "train"), (given, "test")] and len(data) == 4
+
+
+def test_sets_have_stress_where_a_row_predicts_it(tmp_path, data):
+    for name, stress in (("von_mises", True), ("stress", True), ("other", False)):
+        row = Row("b", TrainConfig(outputs=Outputs(fields=(name,))), {})
+        run._sets(plan_of(rows=(*plan_of().rows, row)), tmp_path, None, 1, str)
+        assert [asked[3]["stress"] for asked in data[-2:]] == [stress, stress]
 
 
 def test_figures_of_what_never_moves_are_worked_out_once_for_each_set(tmp_path, data, monkeypatch):

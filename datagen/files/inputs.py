@@ -97,7 +97,7 @@ def predicted(trajectory: Trajectory, displacement: ArrayLike, *, name: str = ""
     whole[:, body] = u
     extra: dict[str, Any] = {"name": name} if name else {}
     extra |= {} if seconds_per_step is None else {"seconds_per_step": float(seconds_per_step)}
-    return replace(trajectory, displacement=whole, per_frame={}, extra=extra)
+    return replace(trajectory, displacement=whole, remainder=None, per_frame={}, extra=extra)
 
 
 def write_table(path: str | Path, trajectory: Trajectory) -> None:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.files.layout import holds_positions
 from datagen.files.places import remarks_on_file
 from datagen.files.solved import as_solved, solved_on
-from datagen.files.trajectory import Trajectory, holds_positions, read_sound, read_trajectory
+from datagen.files.trajectory import Trajectory, read_sound, read_trajectory
 from physics.fidelity.figures import FIGURES, Column, field_columns, gathered, of_field, shown, verdict
 from physics.fidelity.verify import as_table, verify
 from physics.mesh.mesh import Mesh
@@ -77,7 +78,7 @@ def read_prediction(path: str | Path, truth: Trajectory, reference: str | Path) 
     finite_frames = np.isfinite(made.displacement).all(axis=(1, 2))
     if not finite_frames.all():
         raise InputError(f"{path}: its displacement is not finite at frame {int(finite_frames.argmin())}")
-    u = made.displacement[:, truth.body].astype(np.float64)
+    u = made.exact[:, truth.body]
     if doubt := mistaken(u, truth.displacement[:, truth.body], truth.points[truth.body]):
         raise InputError(f"{path}: {doubt}")
     return u, made
@@ -133,7 +134,7 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
     for name, file, truth_file in pairs:
         truth, scene, mesh = read_reference(truth_file)
         (u, made), body = read_prediction(file, truth, truth_file), truth.body
-        v, free = truth.displacement[:, body], truth.free[body]
+        v, free = truth.exact[:, body], truth.free[body]
         remarks |= dict.fromkeys(remarks_on_file(truth.extra))
         found = as_table(verify(u, v, scene=scene, mesh=mesh, free=free)) | field_errors(made.fields, truth)
         first = field_errors({field: truth.fields[field][:1] for field in made.fields if field in truth.fields}, truth)

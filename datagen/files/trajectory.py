@@ -11,6 +11,7 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
       NumberOfPoints, NumberOfCells, NumberOfConnectivityIds   (1,) int64: the mesh is stored once
       PointData
         displacement            (T N, 3) float32  [m], frame after frame, one chunk a frame
+        remainder               (T N, 3) float32  [m] what rounding it took, to 12 bits; a file may lack it. Second-order cells have it
         node_kind               (N,) uint8       NORMAL 0, OBSTACLE 1, HANDLE 3: held in all components (the numbers of the
                                                  public mesh data sets, which also have AIRFOIL 2, INFLOW 4, OUTFLOW 5, WALL 6)
         mode_1 ... mode_m       (N, 3) float32   elastic modes, zero on the obstacle; largest displacement 1
@@ -51,7 +52,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.layout import displacements, misshapen
+from datagen.files.layout import exact, is_remainder, misshapen, of_nodes
 from datagen.files.places import Places, read_places, with_places, write_places, wrong_places
 from physics.mesh.cell import CELLS, OF_VTK
 from physics.mesh.mesh import Mesh
@@ -86,11 +87,17 @@ class Trajectory:
     complete: bool = True
     extra: dict[str, Any] = field(default_factory=dict)
     places: Places | None = None  # of a body from a mesh file
+    remainder: NDArray[np.float32] | None = None  # (T, N, 3)
 
     @property
     def body(self) -> NDArray[np.bool_]:
         """(N,) True on the nodes of the body."""
         return self.node_kind != OBSTACLE
+
+    @property
+    def exact(self) -> NDArray[np.float64]:
+        """(T, N, 3) [m] displacements as they were solved for, as far as the file knows them."""
+        return exact(self.displacement, self.remainder)
 
     @property
     def flows(self) -> bool:
@@ -140,28 +147,13 @@ def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
         InputError: displacements of the wrong shape, or positions in place of them
         OSError: it cannot be written
     """
-    trajectory = replace(trajectory, displacement=_displacement(trajectory))
+    trajectory = replace(trajectory, displacement=of_nodes(trajectory))
     # The file is made in memory: on a full disk HDF5 would fill pages with its complaints, and later on again.
     with h5py.File(f"{path} in memory", "w", driver="core", backing_store=False, libver=("earliest", "v110")) as file:
         _write(file, trajectory)
         file.flush()
         image = file.id.get_file_image()
     write_whole(path, image)
-
-
-def _displacement(trajectory: Trajectory) -> NDArray[np.float32]:
-    """The displacements as the file holds them. Raises `InputError` in one line that says which shape is right."""
-    nodes, body = len(trajectory.points), int(trajectory.body.sum())
-    parts = f", those of the body ({body}) first, then those of the obstacle ({nodes - body})" if body < nodes else ""
-    u = displacements(trajectory.displacement, None, nodes, f"nodes{parts}")
-    if holds_positions(u, trajectory.points):
-        raise InputError("displacement holds positions, it seems: take the rest positions away (displacement - points)")
-    return u.astype(np.float32, copy=False)
-
-
-def holds_positions(u: NDArray[Any], points: NDArray[Any]) -> bool:
-    """Whether displacements (T, N, 3) begin at the rest positions (N, 3) in place of zero."""
-    return bool(np.linalg.norm(u[0] - points) < 0.1 * np.linalg.norm(points))
 
 
 def _write(file: h5py.File, trajectory: Trajectory) -> None:
@@ -187,7 +179,8 @@ def _write(file: h5py.File, trajectory: Trajectory) -> None:
 
     points = root.create_group("PointData")
     offsets = steps.create_group("PointDataOffsets")
-    for name, moving in {"displacement": trajectory.displacement, **trajectory.fields}.items():
+    rest = {} if trajectory.remainder is None else {"remainder": trajectory.remainder}
+    for name, moving in {"displacement": trajectory.displacement, **rest, **trajectory.fields}.items():
         points.create_dataset(name, data=moving.reshape(frames * nodes, -1), chunks=(nodes, moving.shape[2]),
                               compression="gzip", compression_opts=4, shuffle=True, fletcher32=True)
         offsets.create_dataset(name, data=nodes * np.arange(frames, dtype=np.int64))
@@ -252,6 +245,7 @@ def _read(file: h5py.File) -> Trajectory:
         points=root["Points"][()], connectivity=root["Connectivity"][()], offsets=root["Offsets"][()],
         types=root["Types"][()], node_kind=points["node_kind"][()],
         displacement=points["displacement"][()].reshape(frames, nodes, 3),
+        remainder=points["remainder"][()].reshape(frames, nodes, 3) if "remainder" in points else None,
         modes=np.array(modes, np.float32).reshape(len(modes), nodes, 3),
         frequencies_hz=tuple(attributes["frequencies_hz"].tolist()),
         segment=points["segment"][()] if "segment" in points else None,
@@ -295,6 +289,8 @@ def problems(trajectory: Trajectory) -> list[str]:
               for name, array in trajectory.per_frame.items() if len(array) != len(trajectory.displacement)]
     if trajectory.places is not None and (wrong := wrong_places(trajectory.places, int(trajectory.body.sum()))):
         found.append(wrong)
+    if trajectory.remainder is not None and not is_remainder(trajectory.remainder, trajectory.displacement):
+        found.append("remainder is not what rounding took from displacement")
     if trajectory.scene and trajectory.displacement[0].any():
         found.append("the first frame is not the rest state")
     return found

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from datagen.files.layout import HALF_ULP
 from datagen.files.trajectory import Trajectory
 from physics.flow.conditions import conditions_of
 from physics.flow.solution import solve_flow
@@ -19,7 +20,6 @@ from physics.flow.space import FlowSpace
 from physics.flow.stored import computed_mesh, stored
 from physics.scene import FlowScene
 
-HALF_ULP = 2.0**-24  # of single precision, relative
 ANEW = 1e-5  # of the largest value: how far a frame that is computed again may be off, on another processor too
 LEAK = 0.05  # of the fastest fluid over the cells' size, root mean square over the domain: solved frames of coarse cells have 0.02
 

@@ -6,10 +6,10 @@ contact forces p >= 0 are sought that balance them (physics/fidelity/verify.py).
     |R| <= TOLERANCE |reaction| + ROUNDING max_k |f(u + d_k) - f(u)|
 
 The first term is what the solver was asked for. The second is what storing u costs: u is known to half a unit in its last
-place (single precision: 2^-24 |u| a component, or the tolerance of a packed set, in metres), and the d_k are that large with
-random signs. Rounding errors are uniform between these limits, so |K d| of the true ones is 1/sqrt(3) of that of the d_k on
-average; ROUNDING = 2 leaves 3.5 times the expected size. The stored reaction, energy and stress must agree with the ones computed
-anew within the change that the same d_k make in them.
+place (single precision: 2^-24 |u| a component, 2^-12 of that where the file keeps the remainder, or the tolerance of a packed
+set, in metres), and the d_k are that large with random signs. Rounding errors are uniform between these limits, so |K d| of the
+true ones is 1/sqrt(3) of that of the d_k on average; ROUNDING = 2 leaves 3.5 times the expected size. The stored reaction,
+energy and stress must agree with the ones computed anew within the change that the same d_k make in them.
 
 Legend: T frames, N nodes.
 """
@@ -23,8 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.family.family import SPLITS
+from datagen.files import layout
 from datagen.files.fields import Stress
 from datagen.files.inputs import centres, numbered
+from datagen.files.layout import HALF_ULP
 from datagen.files.places import remarks_on_file
 from datagen.files.solved import as_solved, solved_on
 from datagen.files.trajectory import OBSTACLE, Trajectory, problems, read_trajectory
@@ -45,7 +47,6 @@ from physics.schema import InputError
 
 PENETRATION = 1e-3  # largest one that passes, over the smallest side of the body
 ROUNDING = 2.0
-HALF_ULP = 2.0**-24  # of single precision, relative
 
 
 def check(folder: str | Path, *, steps: int = 5, remark: Callable[[str], None] = lambda text: None) -> list[str]:
@@ -84,9 +85,21 @@ def check(folder: str | Path, *, steps: int = 5, remark: Callable[[str], None] =
     return found + [f"{path}: not in the manifest" for path in sorted(there - listed)]
 
 
+def unfit(trajectory: Trajectory) -> list[str]:
+    """Why a solved trajectory is none for a data set, a line each: by what its solver says of its frames."""
+    zero, frames = np.zeros(1), trajectory.per_frame
+    snaps = np.flatnonzero(frames.get("snap", zero))
+    inverted = np.flatnonzero(~(frames.get("smallest_det_f", np.ones(1)) > 0))
+    deep = np.flatnonzero(frames.get("penetration", zero) > PENETRATION * float(trajectory.mesh.extent.min()))
+    return ([f"the body snaps at step {snaps[0]}"] if len(snaps) else []) + (
+        [f"a cell turns inside out at step {inverted[0]}"] if len(inverted) else []) + (
+        [f"the obstacle penetrates too far at step {deep[0]}"] if len(deep) else []) + (
+        [folds] if (folds := trajectory.extra.get("model", {}).get("folds")) else [])
+
+
 def precision(trajectory: Trajectory) -> NDArray[np.float64]:
     """(T, N, 3) [m] how far each stored displacement may be from what the solver found."""
-    rounding = HALF_ULP * abs(trajectory.displacement.astype(np.float64))
+    rounding = layout.precision(trajectory.displacement, trajectory.remainder)
     return np.maximum(rounding, float(trajectory.extra.get("tolerance", 0.0)))
 
 
@@ -105,7 +118,7 @@ def against_scene(trajectory: Trajectory, *, steps: int = 5) -> list[str]:
         return ["the body's cells are not those of its scene"]
     # Four times the rounding of single precision, or what packing may have changed.
     rounding = max(4.8e-7 * max(float(abs(trajectory.displacement).max()), 1e-9), float(trajectory.extra.get("tolerance", 0.0)))
-    body = trajectory.displacement[:, :nodes].astype(np.float64)
+    body = trajectory.exact[:, :nodes]
     fixed, found = held(scene, mesh), []
 
     moves = Moves(scene, mesh)
@@ -149,13 +162,13 @@ def _against_equilibrium(trajectory: Trajectory, scene: Scene, mesh: Mesh, steps
     checkers: dict[Scene, Checker] = {}
     fields = [trajectory.fields[name] for name in ("stress", "von_mises") if name in trajectory.fields]
     stresses, held_stress = (Stress(mesh, scene.material), np.concatenate(fields, axis=2)[:, :nodes]) if len(fields) == 2 else (None, None)
-    blur, random = precision(trajectory)[:, :nodes], np.random.default_rng(0)
+    blur, path, random = precision(trajectory)[:, :nodes], trajectory.exact[:, :nodes], np.random.default_rng(0)
     for t in np.unique(np.linspace(count / steps, count, steps).round().astype(int)):
         solved = as_solved(scene, trajectory, t)
         checker = checkers[solved] = checkers.get(solved) or Checker(solved, mesh)
         balance = checker.balance
         elasticity, fixed = balance.elasticity, balance.fixed
-        u = trajectory.displacement[t, :nodes].astype(np.float64)
+        u = path[t]
         found, force = checker.frame(u, t / count), elasticity.force(u)
         lost = lost_energy = lost_reaction = lost_stress = 0.0
         stress = np.zeros((nodes, 7)) if stresses is None else stresses.at(u, solved.material)

@@ -98,6 +98,7 @@ def digest(trajectory: Trajectory) -> str:
               for name in ("points", "connectivity", "offsets", "types", "node_kind", "displacement", "modes")}
     # Where the obstacles are the scene prescribes.
     found = {name: array for name, array in sorted(trajectory.per_frame.items()) if not name.startswith("obstacle")}
+    arrays |= {} if trajectory.remainder is None else {"remainder": trajectory.remainder}
     arrays |= {"frequencies_hz": np.array(trajectory.frequencies_hz)} | found | trajectory.fields
     arrays |= {f"place {name} {kind}": array for name, place in sorted((trajectory.places or {}).items())
                for kind, array in sorted(place.items())}

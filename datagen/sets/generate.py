@@ -6,7 +6,7 @@ when it is whole; what is there already is kept, so a run that was killed goes o
 
 A scene without an equilibrium, or over its time, is replaced by the next attempt at the same index; the file that takes its
 place carries the reason, and so does the manifest. So is a scene in which the body snaps (physics/equilibrium/snap.py): where it comes
-to rest then depends on more than where the obstacle is, and no predictor could know.
+to rest then depends on more than where the obstacle is, and no predictor could know; and one that is pressed harder than `check` allows.
 """
 
 from __future__ import annotations
@@ -25,11 +25,13 @@ import numpy as np
 from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, draw
 from datagen.files.fields import stress_fields
 from datagen.files.inputs import centres, numbered
+from datagen.files.layout import remainder_of
 from datagen.files.places import mesh_file, places_of
 from datagen.files.provenance import commit, versions
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.flow.trajectory import flow_trajectory
 from datagen.sets import dataset
+from datagen.sets.check import unfit
 from datagen.sets.workers import on_cluster, on_this_machine, progress
 from physics.body.supports import held
 from physics.contact.obstacles import Rigid
@@ -96,13 +98,14 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
         extra["mesh_file"] = mesh_file(scene)
     if scene.steps.dynamic and scene.steps.duration is not None:
         extra["step_seconds"] = scene.steps.duration / scene.steps.count
+    u = np.concatenate(path, axis=1)
     trajectory = Trajectory(
         points=points,
         connectivity=np.concatenate([mesh.cells.ravel(), nodes + triangles.ravel()]),
         offsets=np.concatenate([[0], np.cumsum(corners)]),
         types=np.repeat([CELLS[mesh.cell].vtk, CELLS["triangle"].vtk], [len(mesh.cells), len(triangles)]).astype(np.uint8),
         node_kind=np.concatenate([kind, np.full(len(points) - nodes, OBSTACLE)]).astype(np.uint8),
-        displacement=np.concatenate(path, axis=1).astype(np.float32),
+        displacement=u.astype(np.float32), remainder=remainder_of(u) if CELLS[mesh.cell].middles else None,
         modes=shapes.astype(np.float32), frequencies_hz=tuple(float(modes.frequencies_hz[i]) for i in first),
         per_frame={"reaction": solution.reaction, "energy": solution.energy, "penetration": solution.penetration,
                    "smallest_det_f": solution.smallest_det_f, "newton_iterations": solution.newton_iterations,
@@ -228,12 +231,7 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
             reasons.append(str(error).splitlines()[0])
             continue
         wrong = problems(trajectory) if trajectory.complete else [trajectory.extra["failure"]]
-        snaps = np.flatnonzero(trajectory.per_frame.get("snap", ()))
-        if len(snaps):
-            wrong.append(f"the body snaps at step {snaps[0]}")
-        inverted = np.flatnonzero(~(trajectory.per_frame.get("smallest_det_f", np.ones(1)) > 0))
-        if len(inverted):
-            wrong.append(f"a cell turns inside out at step {inverted[0]}")
+        wrong += unfit(trajectory)
         if wrong:
             reasons.append(wrong[0])
             continue
@@ -261,7 +259,7 @@ def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
     except InputError:
         return None
     scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ())))
-    if (found.seed, found.index) != (job.seed, job.index) or problems(found) or not _of(scene, found):
+    if (found.seed, found.index) != (job.seed, job.index) or problems(found) or unfit(found) or not _of(scene, found):
         return None
     if job.stress and "stress" not in found.fields:
         return None

@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from datagen.files.layout import HALF_ULP
 from datagen.files.solved import solved_on
 from datagen.files.trajectory import Trajectory, read_trajectory
-from datagen.flow.check import HALF_ULP, tolerance_of
+from datagen.flow.check import tolerance_of
 from datagen.flow.figures import flow_figures
 from datagen.flow.refined import flow_mesh_error
 from datagen.sets import dataset

@@ -81,7 +81,8 @@ def _rolled_out_at_once(model: AtOnce, trajectory: Trajectory, correct: Correcti
     if correct is not None:
         displacement[:, body] = corrected_path(correct, displacement[:, body].astype(np.float64), share)
     seconds = (time.perf_counter() - start) / max(len(displacement) - 1, 1)
-    return replace(trajectory, displacement=displacement, per_frame={"error_bar": path.bar, "unsure": path.unsure.astype(np.int64)},
+    return replace(trajectory, displacement=displacement, remainder=None,
+                   per_frame={"error_bar": path.bar, "unsure": path.unsure.astype(np.int64)},
                    extra={"run": model.name, "seconds_per_step": seconds, "unsure_frames": int(path.unsure.sum())})
 
 
@@ -91,7 +92,7 @@ def _blind(trajectory: Trajectory, layout: Layout = SOLID_BODY) -> Trajectory:
     layout.check(trajectory)
     free = layout.free(trajectory)[:, None]
     if not layout.flow:
-        return replace(trajectory, displacement=np.where(free, np.float32(0), trajectory.displacement), fields={})
+        return replace(trajectory, displacement=np.where(free, np.float32(0), trajectory.displacement), remainder=None, fields={})
     velocity = np.where(free, np.float32(0), trajectory.fields["velocity"])
     known = slice(layout.first(trajectory) + 1)
     velocity[known] = trajectory.fields["velocity"][known]

@@ -90,7 +90,7 @@ def estimated(name: str, *, rough: bool = False) -> Predictor:
         start, path = time.process_time(), np.zeros_like(case.truth)
         given = np.where(case.trajectory.free[:, None], np.float32(0), case.trajectory.displacement)
         try:
-            estimator = estimator_of(replace(case.trajectory, displacement=given), rough=rough)
+            estimator = estimator_of(replace(case.trajectory, displacement=given, remainder=None), rough=rough)
         except InputError as error:
             raise LeftOut(f"{error}") from None
         path[1:] = estimator.frames(range(1, case.steps + 1))[0]

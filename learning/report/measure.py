@@ -76,7 +76,7 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
     each: dict[str, list[dict[str, float]]] = {predictor.name: [] for predictor in predictors}
     for number, case in enumerate(cases):
         second = _second_truth(case, found.notes) if number in refined else None
-        reference = Reference(case.truth.astype(np.float64), case.known, case.mesh, case.free, sample, shapes=sample)
+        reference = Reference(case.trajectory.exact[:, case.trajectory.body], case.known, case.mesh, case.free, sample, shapes=sample)
         paths: dict[str, NDArray[np.float32]] = {}
         errors: list[float] = []
         for predictor in predictors:
@@ -91,7 +91,7 @@ def measure(predictors: Sequence[Predictor], cases: Sequence[Case], *, sample: i
             path = prediction.path
             if predictor.kind == "reference":  # what counts is the file, which was solved again for its time
                 found.solved_again = max(found.solved_again, float(abs(path - case.truth).max()))
-                path = case.truth
+                path = reference.displacement
             fidelity = reference.verify(path, prediction.one_step)
             each[predictor.name].append(_scores(fidelity, prediction, case) | field_errors(prediction.fields, case.trajectory)
                                         | _doubt(prediction, case) | _against(second, path, case))

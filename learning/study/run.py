@@ -112,6 +112,7 @@ def _claim(plan: Plan, out: Path, data: str | Path | None) -> None:
 def _sets(plan: Plan, out: Path, data: str | Path | None, workers: int | None, say: Callable[[str], None]) -> dict[str, Path]:
     """The folders of the data, made where they are not there."""
     folders = {}
+    stress = any({"stress", "von_mises"} & set(row.config.outputs.fields) for row in plan.rows)
     for name, (table, made) in plan.sets.items():
         if name == "data" and data is not None:
             read_manifest(data)
@@ -121,7 +122,7 @@ def _sets(plan: Plan, out: Path, data: str | Path | None, workers: int | None, s
             continue
         folders[name] = out / "sets" / name
         family = family_of(table, out / "sets" / f"{name}.toml")
-        found = generate(family, made.splits, folders[name], seed=made.seed, workers=workers)
+        found = generate(family, made.splits, folders[name], seed=made.seed, workers=workers, stress=stress)
         if found["new"]:
             say(f"{found['new']} trajectories of {made.family} made in {found['seconds']:.0f} s: {folders[name]}")
     return folders

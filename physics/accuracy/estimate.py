@@ -1,18 +1,20 @@
-"""How far off is a solution? From what changes when its mesh is refined, by the order that is seen, not the one of theory.
+"""How far off is a solution? From what changed when its mesh was refined, by the order that is seen, not the one of theory.
 
 A mesh with n cells along a direction has the error c n^-p. Of three solutions with n_0 < n_1 < n_2 the differences are
 
-    d_01 = c (n_0^-p - n_1^-p),   d_12 = c (n_1^-p - n_2^-p),   so that the error with n_1 is   d_12 / (1 - (n_1 / n_2)^p)
+    d_01 = c (n_0^-p - n_1^-p),   d_12 = c (n_1^-p - n_2^-p),   so that the error with n_2 is   d_12 q / (1 - q),  q = (n_1 / n_2)^p
 
 with the p that d_01 / d_12 gives (Richardson's extrapolation; Roache, Verification and Validation in Computational Science and
 Engineering, 1998, ch. 5). A p above that of smooth solutions is luck and counts as that; below LOWEST, or where d does not fall, the
-sequence does not converge regularly: then the larger of both differences counts, with LOWEST. Two solutions alone count with FIRST.
+sequence does not converge regularly and counts with LOWEST. With such a p the two differences say different things of the last mesh:
+the larger counts. Two solutions alone count with FIRST. So nothing finer than the answer has to be solved.
 
 Legend: K poses, M points, d components.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,14 +23,14 @@ from scipy.optimize import brentq
 
 Floats = NDArray[np.float64]
 
-LOWEST = {"displacement": 0.8, "reaction": 0.8, "stress": 0.5}  # orders at clamped edges and rims of contact
-FIRST = {"displacement": 1.0, "reaction": 1.0, "stress": 0.7}
+LOWEST = {"displacement": 0.8, "reaction": 0.8, "stress": 0.5, "frequency": 0.8}  # orders at clamped edges and rims of contact
+FIRST = {"displacement": 1.0, "reaction": 1.0, "stress": 0.7, "frequency": 1.0}
 ROUNDING = 1e-9  # differences below it are no errors of a mesh
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """error: relative, of the last mesh but one; order: that it is reckoned with; how: "seen", "assumed" of two meshes, or "irregular"."""
+    """error: relative, of the last mesh; order: that it is reckoned with; how: "seen", "assumed" of two meshes, or "irregular"."""
 
     error: float
     order: float
@@ -56,19 +58,52 @@ def observed_order(sizes: tuple[float, float, float], differences: tuple[float, 
     return float(brentq(miss, low, highest)) if miss(low) > 0 else 0.0
 
 
-def estimate(sizes: list[int], differences: list[float], highest: float, quantity: str) -> Estimate:
-    """The error of the last mesh but one of a sequence.
+def estimate(sizes: Sequence[float], differences: Sequence[float], highest: float, quantity: str) -> Estimate:
+    """The error of the last mesh of a sequence.
 
     Args:
-        sizes: cells along a direction, rising; differences: between neighbours, one less
+        sizes: how fine each is, rising: cells along a direction, or what they all came to
+        differences: between neighbours, one less
         highest: the order of smooth solutions
     """
-    last, ratio = differences[-1], sizes[-2] / sizes[-1]
+    last, (before, end) = differences[-1], sizes[-2:]
     if len(differences) < 2 or max(differences[-2:]) < ROUNDING:
         order = FIRST[quantity]
-        return Estimate(last / (1 - ratio**order), order, "assumed")
-    order = observed_order((sizes[-3], sizes[-2], sizes[-1]), (differences[-2], last), highest)
-    if order >= LOWEST[quantity]:
-        return Estimate(last / (1 - ratio**order), order, "seen")
-    order = LOWEST[quantity]
-    return Estimate(max(differences[-2:]) / (1 - ratio**order), order, "irregular")
+        return Estimate(_left(last, before / end, order), order, "assumed")
+    first, lowest = differences[-2], LOWEST[quantity]
+    seen = observed_order((sizes[-3], before, end), (first, last), highest)
+    order = max(seen, lowest)
+    carried = (before / end) ** order
+    error = max(_left(last, before / end, order), _left(first, sizes[-3] / before, order) * carried)
+    return Estimate(error, order, "seen" if seen >= lowest else "irregular")
+
+
+def looked(alone: Sequence[tuple[float, float]], times: Sequence[float], change: float, usual: float, quantity: str) -> Estimate:
+    """The error of a second mesh, from what each direction did on the first: the order is that with which all of it adds up to a change.
+
+    Args:
+        alone: of each direction, the ratio n / n' of a mesh refined in it alone, and how far that is from the first mesh
+        times: how many times more cells the second mesh has along each
+        change: how far the second mesh is from the first; usual: the highest order to believe in
+    """
+    def parts(p: float) -> Floats:
+        return np.array([coarse(ratio, off, p) for ratio, off in alone])
+
+    def miss(p: float) -> float:
+        return float((parts(p) * (1 - np.array(times) ** -p)).sum()) - change
+
+    lowest = LOWEST[quantity]
+    seen = usual if miss(usual) >= 0 else lowest if miss(lowest) <= 0 else float(brentq(miss, lowest, usual))
+    left = float((parts(seen) * np.array(times) ** -seen).sum())
+    scale = max(1.0, change / max(change + miss(seen), ROUNDING))  # it changed by more than even the lowest order has it
+    return Estimate(left * scale, seen, "irregular" if scale > 1 and seen == lowest else "seen")
+
+
+def coarse(ratio: float, difference: float, order: float) -> float:
+    """The error of the coarser of two meshes with n and n / ratio cells that differ so much."""
+    return difference / (1 - ratio**order)
+
+
+def _left(difference: float, ratio: float, order: float) -> float:
+    """The error of the finer of two meshes that differ so much."""
+    return difference * ratio**order / (1 - ratio**order)

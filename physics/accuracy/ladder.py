@@ -11,6 +11,7 @@ Legend: M points.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -34,6 +35,7 @@ GROWTH = 1.5  # from one number of cells to the next
 STIFF = 0.45  # Poisson's ratio from which second-order cells have mean dilatation
 GRID = 10  # points of comparison along the longest side of a box
 MOST_POINTS = 800
+ROUND = 0.1  # of a halving that may be wanting
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,17 @@ class Family:
         n = sizes[axis]
         following = 2 * n if self.body.shape == "file" else max(n + 1, math.ceil(GROWTH * n))
         return (*sizes[:axis], following, *sizes[axis + 1:])
+
+    def finer(self, sizes: Sizes, times: Sequence[float]) -> Sizes:
+        """The mesh with so many times the cells along each axis; a file's cells are halved as often as it takes."""
+        if self.body.shape == "file":
+            return (sizes[0] * 2 ** math.ceil(math.log2(times[0]) - ROUND),)
+        return tuple(math.floor(n * ratio + 0.5) for n, ratio in zip(sizes, times, strict=True))
+
+    @property
+    def spans(self) -> Sizes:
+        """How many directions of the body each number counts cells along."""
+        return (self.own.dimension,) if self.body.shape == "file" else (2, 1) if self.body.shape == "panel" else (1,) * len(self.base)
 
     def rung(self, sizes: Sizes) -> tuple[Scene, Mesh]:
         """The scene with the mesh of these numbers, in the keys of its body as far as they can say it, and the mesh."""

@@ -3,46 +3,59 @@
 displacement: its three components at the points [m]; reaction: of each pose, as in `Solution` [N]; stress: von Mises' measure of what the
 nodes have (body/stress.py), carried to the points by the shape functions [Pa].
 
-Cost is counted, in Newton steps and factors times a power of the nodes, so that the same scene always leads to the same choice; seconds
-are told only. Legend: K poses, M points, d components.
+The first mesh follows the path in few steps. All others start at each pose from what the mesh before found there, carried over by its
+shape functions: a factor and some Newton steps a pose. Where that leads nowhere the path is followed. Without an obstacle, on a path
+that goes one way, the displacement is looked at twice, at the end and about half-way there; under one, which finds other points of
+other meshes at each pose, at all of them.
+
+Cost is a power of the nodes, not seconds, so that the same scene always leads to the same choice. Legend: K poses, M points, d components.
 """
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physics.accuracy.ladder import Family, Sizes, points_of
 from physics.body.stress import nodal_stress, recovery, von_mises_of
-from physics.equilibrium.state import NoEquilibrium
+from physics.equilibrium.path import LoadPath
+from physics.equilibrium.state import NoEquilibrium, State
 from physics.mesh.mesh import Mesh
-from physics.mesh.transfer import interpolate
+from physics.mesh.transfer import CANDIDATES, interpolate
 from physics.scene import Scene
 from physics.solution import Solution, solve
 
 Floats = NDArray[np.float64]
 
 POSES = 4  # and two for each leg of a path or row of a table
+HALF = 0.6  # of the last displacement: the other pose on a path that goes one way
+EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "triangle": 6}  # cells of even boxes among which one holds a point
 POWER, IDLE = 1.3, 300  # a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows
-FACTOR = 8  # Newton steps that a factor costs
+SECOND = 1.7  # times as much with cells of second order
 
 
 @dataclass(frozen=True)
 class Pilot:
-    """values: (K, M, d); nodes: of the mesh; work: counted; seconds: of the processor."""
+    """values: (K, M, d); u: (K, N, 3) displacements [m]; seconds: of the processor."""
 
+    mesh: Mesh
     values: Floats
-    nodes: int
-    work: float
+    u: Floats
     seconds: float
-    last: Floats  # (1, M, d) at the end
+
+    @property
+    def nodes(self) -> int:
+        return len(self.mesh.points)
 
 
 class Pilots:
     """The pilots of a scene, each solved once.
+
+    fractions: of the loading, (K,), known after the first pilot
 
     Raises:
         NoEquilibrium: not even in as many steps as the scene has
@@ -50,18 +63,25 @@ class Pilots:
     """
 
     def __init__(self, scene: Scene, families: list[Family], quantity: str, *, tolerance: float, small_strain: float) -> None:
-        self.quantity, self.tolerance, self.small_strain = quantity, tolerance, small_strain
+        self.scene, self.quantity, self.tolerance, self.small_strain = scene, quantity, tolerance, small_strain
         self.points, self.weights = points_of(families[0])
-        self.count, self.poses, self.seconds = scene.steps.count, min(scene.steps.count, few(scene)), 0.0
+        self.count, self.seconds = scene.steps.count, 0.0
+        self.fractions = np.arange(1, (poses := min(self.count, few(scene))) + 1) / poses
         self._known: dict[tuple[int, Sizes, float], Pilot] = {}
+        self._last: Pilot | None = None
 
     def __call__(self, family: Family, sizes: Sizes, tolerance: float | None = None) -> Pilot:
         tolerance = tolerance or self.tolerance
         key = family.order, sizes, tolerance
         if key not in self._known:
             started = time.process_time()
-            self._known[key] = self._solved(*family.rung(sizes), tolerance)
-            self.seconds += time.process_time() - started
+            scene, mesh = family.rung(sizes)
+            if self._last is None:
+                found = self._fewer(self._along(scene, mesh, tolerance))
+            else:
+                found = self.beside(scene, mesh, tolerance, self._last, self.fractions)
+            self._known[key] = self._last = replace(found, seconds=time.process_time() - started)
+            self.seconds += self._last.seconds
         return self._known[key]
 
     def __len__(self) -> int:
@@ -71,30 +91,81 @@ class Pilots:
         """Whether a mesh was solved."""
         return (family.order, sizes, self.tolerance) in self._known
 
+    def first(self, order: int) -> list[Pilot]:
+        """The first mesh that was solved of an order, or nothing."""
+        return [pilot for (one, _, _), pilot in self._known.items() if one == order][:1]
+
     def of(self, scene: Scene, solution: Solution, frames: list[int]) -> Floats:
         """(K, M, d) what the error is of, at some frames of a solution."""
-        if self.quantity == "reaction":
-            return solution.reaction[frames][:, None]
-        mesh = solution.mesh
-        if self.quantity == "displacement":
-            return np.asarray(interpolate(mesh, solution.displacement[frames], self.points))
-        stress = _stress(scene, mesh, solution, frames)
-        return np.asarray(interpolate(mesh, stress[..., None], self.points))
+        linear = [frame <= solution.linear_steps for frame in frames]
+        return self._values(scene, solution.mesh, solution.displacement[frames], solution.reaction[frames], linear)
 
-    def _solved(self, scene: Scene, mesh: Mesh, tolerance: float) -> Pilot:
-        started, count = time.process_time(), self.poses
+    def _values(self, scene: Scene, mesh: Mesh, u: Floats, reaction: Floats, linear: list[bool]) -> Floats:
+        if self.quantity == "reaction":
+            return reaction[:, None]
+        if self.quantity == "displacement":
+            return np.asarray(self.carried(mesh, u, self.points))
+        return np.asarray(self.carried(mesh, _stress(scene, mesh, u, linear)[..., None], self.points))
+
+    def carried(self, mesh: Mesh, values: Floats, points: Floats, outside_by: float = 1e-6) -> Floats:
+        """(K, M, d) what nodes have (K, N, d) at points (M, 3) of the body, or outside of it by so many cells."""
+        even = EVEN.get(mesh.cell, CANDIDATES) if self.scene.body.shape in ("beam", "plate") else CANDIDATES
+        return np.asarray(interpolate(mesh, values, points, outside_by=outside_by, candidates=even))
+
+    def _fewer(self, found: Pilot) -> Pilot:
+        """Keep the poses that are enough from here on."""
+        size = np.sqrt(np.einsum("m,kmd->k", self.weights, found.values**2)) if self.quantity == "displacement" else np.zeros(1)
+        if self.scene.obstacles or len(size) != POSES or few(self.scene) > POSES or (np.diff(size) < 0).any():
+            return found
+        kept = [int(np.argmin(abs(size[:-1] - HALF * size[-1]))), POSES - 1]
+        self.fractions = self.fractions[kept]
+        return replace(found, values=found.values[kept], u=found.u[kept])
+
+    def beside(self, scene: Scene, mesh: Mesh, tolerance: float, near: Pilot, fractions: Floats) -> Pilot:
+        """The poses at some fractions (K,) of the loading, sought where a pilot of another mesh had them, else from the pose before.
+
+        Raises `NoEquilibrium` when a pose is found neither way.
+        """
+        path = LoadPath(scene, mesh, tolerance=tolerance, small_strain=self.small_strain)
+        states, linear = [], []
+        starts = self.carried(near.mesh, near.u, mesh.points, outside_by=1.0)
+        for fraction, start in zip(map(float, fractions), starts, strict=True):
+            balance = path.balance
+            if path.linear is None and not balance.rests(fraction):
+                led = np.where(balance.fixed, balance.moved(fraction), start)
+                path.newton.outdate()
+                try:
+                    path.states = [path.newton.near(fraction, led, State(fraction, led, path.states[-1].pressure))]
+                    path.order = 0
+                except NoEquilibrium:
+                    path.newton.outdate()
+            if path.states[-1].fraction < fraction:
+                path.advance(fraction)
+            states.append(path.states[-1])
+            linear.append(path.linear is not None)
+        u, reaction = np.array([state.u for state in states]), np.array([state.reaction for state in states])
+        return Pilot(mesh, self._values(scene, mesh, u, reaction, linear), u, 0.0)
+
+    def _along(self, scene: Scene, mesh: Mesh, tolerance: float) -> Pilot:
+        """Follow the path to all poses in few steps, or in more where it snaps or ends."""
+        each = 1
+        poses = round(1 / float(np.diff([0.0, *self.fractions]).min()))
         while True:
+            count = min(each, -(-self.count // poses)) * poses
             found = solve(replace(scene, steps=replace(scene.steps, count=count)), mesh=mesh, tolerance=tolerance,
                           small_strain=self.small_strain, partial=True)
             if not (found.failure or found.snap.any()) or count >= self.count:
                 break
-            count = min(4 * count, self.count)
+            each *= 4
         if found.failure:
             raise NoEquilibrium(f"on {len(mesh.points)} nodes: {found.failure}", found)
-        work = (int(found.newton_iterations.sum()) + FACTOR * found.factorisations) * (IDLE + len(mesh.points))**POWER
-        frames = [round(count * (k + 1) / self.poses) for k in range(self.poses)]
-        values = self.of(scene, found, frames)
-        return Pilot(values, len(mesh.points), work, time.process_time() - started, values[-1:])
+        frames = [round(count * float(fraction)) for fraction in self.fractions]
+        return Pilot(mesh, self.of(scene, found, frames), found.displacement[frames], 0.0)
+
+
+def cost(nodes: float, order: int) -> float:
+    """Of a step, or of a pose of a pilot, in units of its own."""
+    return float((nodes + IDLE) ** POWER) * (SECOND if order == 2 else 1.0)
 
 
 def few(scene: Scene) -> int:
@@ -105,10 +176,9 @@ def few(scene: Scene) -> int:
     return max(POSES, 2 * min(max(rows, default=1), 10))
 
 
-def _stress(scene: Scene, mesh: Mesh, solution: Solution, frames: list[int]) -> Floats:
-    """(K, N) von Mises stress at the nodes, by the law that each frame was solved with."""
+def _stress(scene: Scene, mesh: Mesh, u: Floats, linear: list[bool]) -> Any:
+    """(K, N) von Mises stress at the nodes, by the law that each pose was solved with."""
     at_nodes = recovery(mesh, scene.material)
-    linear = scene.under("linear").material
-    laws = [linear if frame <= solution.linear_steps else scene.material for frame in frames]
-    return np.array([von_mises_of(nodal_stress(mesh, solution.displacement[frame], law, at_nodes))
-                     for frame, law in zip(frames, laws, strict=True)])
+    small = scene.under("linear").material
+    return np.array([von_mises_of(nodal_stress(mesh, one, small if how else scene.material, at_nodes))
+                     for one, how in zip(u, linear, strict=True)])

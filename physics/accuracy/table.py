@@ -7,15 +7,23 @@ coarser and finer mesh are the pilots', by how much longer the whole scene took 
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from physics.accuracy.choose import MOST_NODES, Choice
+from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
 from physics.accuracy.ladder import Sizes
+from physics.accuracy.pilot import Pilot
+from physics.equilibrium.state import NoEquilibrium
 from physics.solution import Solution
 
 HEADS = "choice", "taken", "error", "seconds"
+BETWEEN = 2  # poses
 Row = dict[str, Any]
 
 
@@ -36,10 +44,10 @@ class Verdict:
                 "reached": self.reached,
                 "rows": list(self.rows), "remarks": list(self.remarks)}
 
-    def not_kept(self, out: str) -> str:
-        """Why the error asked is not promised, for a reader who has the file."""
-        return (f"the error asked, {self.asked:.3g}, is not promised: {self.estimated:.2g} is estimated on the finest mesh tried, of at "
-                f"most {MOST_NODES} nodes; its path is in {out}")
+    def not_kept(self) -> str:
+        """Why the error asked is not promised."""
+        return (f"the error asked, {self.asked:.3g}, is not promised: {self.estimated:.2g} is estimated on the best mesh tried, of at "
+                f"most {MOST_NODES} nodes")
 
     def lines(self) -> list[str]:
         """For a reader."""
@@ -56,25 +64,23 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     """What the whole scene came to, solved as it was chosen."""
     climb, pilots = choice.climb, choice.pilots
     family, frames = climb.family, len(solution.displacement) - 1
-    path = distance(pilots.of(choice.scene, solution, [frames]), choice.pilot.last, pilots.weights)
+    path = distance(pilots.of(choice.scene, solution, [frames]), choice.pilot.values[-1:], pilots.weights)
+    between, said = _between(choice, solution)
     linear = choice.small_strain if solution.linear_steps and not choice.scene.linear else 0.0
-    rows: list[Row] = []
+    rows = rows_of_mesh(climb)
 
     def add(name: str, taken: str, error: float | None, seconds: float | None = None) -> None:
-        known = None if error is None or not math.isfinite(error) else error
-        rows.append(dict(zip(HEADS, (name, taken, known, seconds), strict=True)))
+        rows.append(row(name, taken, error, seconds))
 
-    for axis, part in sorted(climb.parts.items()):
-        add(f"cells along {family.axes[axis]}" if family.body.shape in ("beam", "plate") else f"cells: {family.axes[axis]}",
-            f"{climb.sizes[axis]}, order {family.order}, error falls as n^-{part.order:.2g} ({part.how})", part.error)
     add("kinematics", "the linear law, as asked" if choice.scene.linear else
         f"small strain in {solution.linear_steps} of {frames} steps" if solution.linear_steps else "finite strain", linear)
     add("tolerance", f"{choice.tolerance:.0e} of the reaction", choice.loose)
-    add("steps", f"all {frames} are solved; the end, against {pilots.poses} steps", path)
-    estimated = climb.error + linear + choice.loose + path
+    add("steps", f"all {frames} are solved; the end, against the pilot's", path)
+    add("poses between", said, between)
+    estimated = climb.error + linear + choice.loose + path + between
     reached = bool(climb.reached and estimated <= choice.asked)
     ratio = solution.seconds / choice.pilot.seconds
-    add("the whole scene", family.said(climb.sizes), estimated, solution.seconds)
+    add("the whole scene", f"{family.said(climb.sizes)}; error falls as h^{climb.order:.2g} ({climb.how})", estimated, solution.seconds)
     coarser, finer = _beside(choice)
     for name, mesh in (("next coarser", coarser), ("next finer", finer)):
         if mesh is not None:
@@ -85,21 +91,60 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
         sizes, error = other.ladder[-1]
         add("the other order", other.family.said(sizes) + ("" if other.reached else ", given up"), error,
             pilots(other.family, sizes).seconds * ratio)
-    add("the search", f"{len(pilots)} solutions at {pilots.poses} poses", None, pilots.seconds)
-    doubtful = " and ".join(family.axes[axis] for axis, part in sorted(climb.parts.items())
-                            if part.how == "irregular" and part.error > choice.asked / 10)
-    remarks = (f"the error along {doubtful} does not fall regularly: the larger of two differences is taken",) * bool(doubtful)
+    add("the search", f"{len(pilots)} solutions at {len(pilots.fractions)} poses", None, pilots.seconds)
+    remarks = ("the error does not fall regularly: the larger of two differences is taken",) * (climb.how == "irregular")
     if solution.snap.any():
         remarks += ("the body snaps: where it comes to rest depends on more than the mesh, and the estimate knows nothing of that",)
     return Verdict(choice.asked, choice.quantity, estimated, reached and not solution.snap.any(), tuple(rows), remarks)
+
+
+def row(name: str, taken: str, error: float | None, seconds: float | None = None) -> Row:
+    """One of the table."""
+    known = None if error is None or not math.isfinite(error) else error
+    return dict(zip(HEADS, (name, taken, known, seconds), strict=True))
+
+
+def rows_of_mesh(climb: Climb) -> list[Row]:
+    """What each direction makes of the error."""
+    family, box = climb.family, climb.family.body.shape in ("beam", "plate")
+    return [row(f"cells along {family.axes[axis]}" if box else f"cells: {family.axes[axis]}", f"{climb.sizes[axis]}, order {family.order}",
+                part.error) for axis, part in sorted(climb.parts.items())]
+
+
+def _between(choice: Choice, solution: Solution) -> tuple[float, str]:
+    """What the mesh makes of the error at poses that no pilot looked at, over that at those which they did; and where.
+
+    The mesh before is solved there from the answer; differences between two meshes stand for errors.
+    """
+    climb, pilots, frames = choice.climb, choice.pilots, len(solution.displacement) - 1
+    looked = {round(frames * float(fraction)) for fraction in pilots.fractions}
+    ends = sorted({0, *looked})
+    middles = [(a + b + 1) // 2 for a, b in pairwise(ends) if b - a > 1]
+    middles = [middle for middle in middles if middle not in looked][-BETWEEN:]
+    if len(climb.ladder) < 2 or not middles:
+        return 0.0, "none was looked at"
+    family, before = climb.family, climb.ladder[-2][0]
+    fractions = np.array(middles) / frames
+    scene, mesh = family.rung(before)
+    here = Pilot(solution.mesh, pilots.of(choice.scene, solution, middles), solution.displacement[middles], 0.0)
+    started = time.process_time()
+    try:
+        there = pilots.beside(scene, mesh, pilots.tolerance, here, fractions)
+    except (NoEquilibrium, ValueError):
+        return 0.0, "the mesh before has no equilibrium beside the answer"
+    finally:
+        pilots.seconds += time.process_time() - started
+    size = float(np.sqrt(np.einsum("m,kmd->", pilots.weights, choice.pilot.values**2) / len(pilots.fractions)))
+    off = float(np.sqrt(np.einsum("m,kmd->", pilots.weights, (there.values - here.values) ** 2) / len(middles)))
+    known = distance(pilots(family, before).values, choice.pilot.values, pilots.weights)
+    more = max(0.0, off / size / known - 1) if known > 0 and size > 0 else 0.0
+    return climb.error * more * len(middles) / (len(middles) + len(looked)), f"looked at at steps {', '.join(map(str, middles))}"
 
 
 def _beside(choice: Choice) -> tuple[tuple[Sizes, float, float | None] | None, ...]:
     """The meshes next to the chosen one, each with its error and the seconds of its pilot."""
     climb, pilots = choice.climb, choice.pilots
     coarser = climb.ladder[-2] if len(climb.ladder) > 1 else None
-    if not climb.parts:
-        return None, None
     axis = max(climb.parts, key=lambda one: climb.parts[one].error)
     finer, part = climb.family.after(climb.sizes, axis), climb.parts[axis]
     error = climb.error - part.error * (1 - (climb.sizes[axis] / finer[axis]) ** part.order)

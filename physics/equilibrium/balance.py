@@ -218,6 +218,7 @@ def contact_said(scene: Scene) -> str:
         return "none: the scene has no obstacle"
     points = {"facets": "points of the surface facets", "nodes": "surface nodes"}
     said = [f"{'frictionless ' * (not i)}at {points[one.contact]}, rigid {one.shape}{f' ({one.source})' if one.source else ''}"
+            + " with sharp edges, on which the surface may catch where they slide over it: give it a radius" * (one.radius == 0)
             for i, one in enumerate(scene.obstacles)]
     return f"{'; '.join(said)}; nothing is solved before {'it' if len(said) == 1 else 'one'} touches"
 

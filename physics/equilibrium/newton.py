@@ -82,11 +82,11 @@ class Newton:
         """
         if not self.tangent.lasting:
             return self._newton(fraction, start, last, renew=True)
-        state = self._near(fraction, start, last)
-        self._look(state, fraction - last.fraction)
+        state = self.near(fraction, start, last)
+        self._look(state, last)
         return state
 
-    def _near(self, fraction: float, start: Floats, last: State) -> State:
+    def near(self, fraction: float, start: Floats, last: State) -> State:
         """As `equilibrium`, but an old factor may not show that a state is unstable."""
         if not self.tangent.stale:
             try:
@@ -103,9 +103,11 @@ class Newton:
         self.tangent.used(state.iterations, fresh=True)
         return state
 
-    def _look(self, state: State, stride: float) -> None:
+    def _look(self, state: State, last: State) -> None:
         """Renew the tangent at a state, when it is time to, to see whether it is stable. Raises `NoEquilibrium`."""
-        self._watch = replace(self._watch, unseen=self._watch.unseen + stride)
+        if state.pressure.any() and not last.pressure.any():  # what was known is of a body that nothing touched
+            self._watch = Watch(self._watch.softest)
+        self._watch = replace(self._watch, unseen=self._watch.unseen + (state.fraction - last.fraction))
         if self._watch.unseen < self._watch.trusted or self.balance.scene.linear:
             return
         if not self._watch.softest:

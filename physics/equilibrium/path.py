@@ -26,9 +26,12 @@ from physics.equilibrium.snap import Relaxation
 from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, StatesMemory, best_order, extrapolate
 from physics.journal import Arrays
 from physics.mesh.mesh import Mesh
+from physics.mesh.quality import smallest_det_f
 from physics.scene import Scene
 
 Floats = NDArray[np.float64]
+
+PRESSED = 0.8  # det F below which Saint-Venant and Kirchhoff's law may be what gives way: a bar's force falls below a stretch of 0.58
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,10 @@ class LoadPath:
         return state
 
     def _advice(self) -> str:
-        count = self.balance.scene.steps.count
+        count, mesh = self.balance.scene.steps.count, self.balance.mesh
+        soft = any(material.law == "saint-venant-kirchhoff" for material in self._finite.scene.materials)
+        if soft and smallest_det_f(mesh.points, self.states[-1].u, mesh.cells, mesh.cell) < PRESSED:
+            return "saint-venant-kirchhoff gives way where it is pressed so hard; a neo-hookean law does not"
         if self.balance.contact is None:
             return f"ask for more than {count} steps"
         stride = max((np.linalg.norm(np.diff(obstacle.path, axis=0), axis=1) / np.diff(obstacle.reached)).max(initial=0)

@@ -30,6 +30,7 @@ Integers = NDArray[np.int64]
 MOST_NUMBERS = 500_000_000  # in a factor: 4 GB
 WIDEST_BAND = 300  # past this nested dissection is faster: for beams of some 5 k nodes
 OPERATIONS = 30  # for each number of a factor that a Newton step has time for
+TOGETHER = 2**18  # entries of a stiffness that are given their place at a time
 
 
 class NotPositiveDefinite(ArithmeticError):
@@ -188,8 +189,10 @@ class DissectionFactor(_Cholesky):
         free[self._unknown] = ~elasticity.fixed
         rows, columns = elasticity.pairs(self._unknown)
         self._slot = np.empty(rows.shape, np.int32)
-        for slot, row, column in zip(self._slot.T, rows.T, columns.T, strict=True):
-            slot[:] = np.where(free[row] & free[column], slots(dissection, row, column), dissection.numbers)
+        many = max(1, TOGETHER // len(rows))
+        for pairs in (slice(start, start + many) for start in range(0, rows.shape[1], many)):
+            row, column = rows[:, pairs], columns[:, pairs]
+            self._slot[:, pairs] = np.where(free[row] & free[column], slots(dissection, row, column), dissection.numbers)
         held = np.flatnonzero(~free)
         self._held = slots(dissection, held, held)
 

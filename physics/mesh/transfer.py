@@ -18,18 +18,20 @@ Floats = NDArray[np.floating[Any]]
 CANDIDATES, NEWTON_STEPS = 24, 6
 
 
-def interpolate(mesh: Mesh, displacement: Floats, points: Floats) -> Floats:
+def interpolate(mesh: Mesh, displacement: Floats, points: Floats, outside_by: float = 1e-6,
+                candidates: int = CANDIDATES) -> Floats:
     """(T, M, 3) displacements at other rest points (M, 3), by the shape functions of the cell that holds each of them.
 
-    The cell is sought among the CANDIDATES with the nearest centres, by Newton's iteration on the isoparametric map.
+    The cell is sought among the `candidates` with the nearest centres (of even boxes one is enough),
+    by Newton's iteration on the isoparametric map.
     (vtkProbeFilter of VTK 9.7.2 takes some points on the faces of prisms from outside of a wrong prism.)
-    Raises ValueError when a point lies in no cell by more than 1e-6 of the cell's size.
+    Raises ValueError when a point lies in no cell by more than `outside_by` of the cell's size; what lies outside is extrapolated.
     """
     extent = np.ptp(mesh.points[mesh.cells], axis=1).mean(axis=0)  # of a cell along x, y, z: distances count in cells
     flat = range(mesh.dimension, 3)  # a plane body has no extent along z
     extent[flat] = 1.0
     centres = cKDTree(mesh.points[mesh.cells].mean(axis=1) / extent)
-    near = centres.query(points / extent, min(CANDIDATES, len(mesh.cells)))[1].reshape(len(points), -1)  # (M, k)
+    near = centres.query(points / extent, min(candidates, len(mesh.cells)))[1].reshape(len(points), -1)  # (M, k)
     corners = mesh.points[mesh.cells[near]]  # (M, k, n, 3)
     first = CELLS[CELLS[mesh.cell].first or mesh.cell]
     at = np.full((*near.shape, 3), 0.25 if first.name == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
@@ -44,7 +46,7 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats) -> Floats:
     astray = np.linalg.norm(points[:, None] - np.einsum("mkn,mknd->mkd", values, corners), axis=-1)
     outside = np.maximum(-first.shapes(at)[0].min(axis=-1), 0) + astray / np.ptp(corners, axis=2).max(axis=-1)  # (M, k)
     best = np.argmin(outside, axis=1)[:, None]
-    if (lost := int((np.take_along_axis(outside, best, 1) > 1e-6).sum())):
+    if (lost := int((np.take_along_axis(outside, best, 1) > outside_by).sum())):
         raise ValueError(f"{lost} of {len(points)} points lie outside of the mesh to interpolate from")
     nodes = mesh.cells[np.take_along_axis(near, best, 1)[:, 0]]  # (M, n)
     weights = np.take_along_axis(values, best[..., None], 1)[:, 0]  # (M, n)

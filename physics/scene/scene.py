@@ -99,9 +99,9 @@ def load_scene(path: str | Path, changes: Sequence[str] = (), *, anew: bool = Fa
     return _load(path, read_any, changes, anew=anew)
 
 
-def load_solid(path: str | Path, changes: Sequence[str] = ()) -> Scene:
-    """A solid from a TOML file. Raises `InputError` when it is a flow too."""
-    scene = load_scene(path, changes)
+def load_solid(path: str | Path, changes: Sequence[str] = (), *, anew: bool = False) -> Scene:
+    """A solid from a TOML file, as `load_scene` has it. Raises `InputError` when it is a flow too."""
+    scene = load_scene(path, changes, anew=anew)
     if not isinstance(scene, Scene):
         raise InputError(f"{path}: is a flow, with its [fluid]; this takes a solid, with a [material]")
     return scene

@@ -1,0 +1,202 @@
+"""From the coarsest mesh of a body up to one that keeps an error, in steps that are foreseen.
+
+On the coarsest mesh each direction i is refined alone: what that changes is its share e_i n_i^-p of the error, with the order p that
+cells of this order usually have. The next mesh is the one with the fewest nodes whose shares are as small as is needed,
+
+    minimise prod_i n_i^(w_i)   with   sum_i e_i n_i^-p = what is allowed:   e_i n_i^-p / w_i = E for every direction that is refined
+
+(w_i: directions of the body that number i counts along). It is solved, and how far it is from the mesh before says how far the error is
+down (estimate.py), by its own order and with all that the directions do to each other. A step is at most FARTHEST times finer. The last
+mesh is the answer: nothing finer is solved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from physics.accuracy.estimate import FIRST, ROUNDING, Estimate, coarse, distance, estimate, looked
+from physics.accuracy.ladder import Family, Sizes
+from physics.accuracy.pilot import Floats, Pilot, cost
+from physics.equilibrium.state import NoEquilibrium
+from physics.schema import InputError
+
+USUAL = {1: 1.5, 2: 2.0}  # order of the error of cells of first and second order, with supports and contact
+NEAREST, FARTHEST = 1.3, 2.0  # times finer is the next mesh
+AIM = 0.9  # of the target, as numbers of cells are whole
+ALONE = 0.5  # power of that by which a direction with a small share is refined with the others, so that it is seen
+ALONE_ENOUGH = 0.1  # of the target: an error of the coarsest mesh that needs no other mesh to be believed
+NOTHING = 0.01  # of the target: a share that needs no look
+PATIENCE = 2  # meshes in succession whose error does not fall regularly, before it is given up that it will
+SMALLER = 0.2  # error of second order over that of first on their coarsest meshes, before it is known
+COARSEST = 5  # refinements of a coarsest mesh that cannot hold the scene
+
+
+class Source(Protocol):
+    """What solves a mesh: `Pilots`, or `Frequencies` (frequency.py)."""
+
+    quantity: str
+    count: int
+    fractions: Floats
+    weights: Floats
+
+    def __call__(self, family: Family, sizes: Sizes) -> Pilot: ...
+
+    def first(self, order: int) -> list[Pilot]: ...
+
+
+@dataclass
+class Climb:
+    """The way from the coarsest mesh of a family to one that keeps the error.
+
+    target: error; most: nodes of a mesh; sizes: where it is; error, order, how: of that mesh, as in `Estimate`
+    shares: of each direction, in parts of the error; ladder: meshes on the way, each with its error as it was known then
+    reached: whether the error is below the target; ended: whether there is nothing more to try; why: it cannot be solved
+    """
+
+    family: Family
+    pilots: Source
+    target: float
+    most: int
+    sizes: Sizes
+    error: float = math.inf
+    order: float = 1.0
+    how: str = "unknown"
+    shares: list[float] = field(default_factory=list)
+    ladder: list[tuple[Sizes, float]] = field(default_factory=list)
+    reached: bool = False
+    ended: bool = False
+    why: NoEquilibrium | InputError | None = None
+    _irregular: int = 0
+    _alone: list[tuple[float, float]] = field(default_factory=list)
+    _fine: list[float] = field(default_factory=list)
+    _differences: list[float] = field(default_factory=list)
+
+    @property
+    def pilot(self) -> Pilot:
+        return self.pilots(self.family, self.sizes)
+
+    @property
+    def parts(self) -> dict[int, Estimate]:
+        """What each direction makes of the error."""
+        whole = sum(self.shares)
+        return {axis: Estimate(self.error * (share / whole if whole else 1 / len(self.shares)), self.order, self.how)
+                for axis, share in enumerate(self.shares)}
+
+    def nodes(self, sizes: Sizes) -> float:
+        """About how many nodes a mesh has: of a box, else by what is known of the coarsest mesh of first order."""
+        if self.family.body.shape in ("beam", "plate"):
+            return math.prod(self.family.order * n + 1 for n in sizes)
+        grown = math.prod((n / n0) ** span for n, n0, span in zip(sizes, self.sizes, self.family.spans, strict=True))
+        if self.ladder:
+            return self.pilot.nodes * grown
+        return grown * sum(self.family.order ** 3 * pilot.nodes for pilot in self.pilots.first(1))
+
+    def outlook(self, before: float = 0.0) -> float:
+        """What the whole scene will cost on the mesh that keeps the error, and what it takes to get there.
+
+        Args: before: the error of the other order on its coarsest mesh, for a way that is not begun
+        """
+        poses = len(self.pilots.fractions)
+        if not self.ladder:
+            need = max(1.0, (SMALLER * before / self.target) ** (1 / USUAL[2]))
+            grown = need ** sum(self.family.spans)
+            return (self.pilots.count + (1 + len(self.sizes)) * poses) * cost(grown * self.nodes(self.sizes), self.family.order)
+        order = USUAL[self.family.order] if self.how == "assumed" else self.order
+        need = max(1.0, (self.error / self.target) ** (1 / order))
+        return (self.pilots.count + 2 * poses * (need > 1)) * cost(self.nodes(self._towards(need)), self.family.order)
+
+    def go_on(self) -> None:
+        """Solve the next mesh, or the first. A mesh that cannot be solved ends the way."""
+        try:
+            if not self.ladder:
+                self._begin()
+            elif not self._next():
+                self.ended = True
+                return
+        except (NoEquilibrium, InputError) as error:
+            self.ended, self.why = True, error
+            return
+        self.ladder.append((self.sizes, self.error))
+        self.reached = self.error <= self.target * (ALONE_ENOUGH if len(self.ladder) == 1 else 1)
+        self.ended = self.reached or self._irregular >= PATIENCE
+
+    def _begin(self) -> None:
+        """Solve the coarsest mesh that can hold the scene: its obstacle and its places by coordinates may be too small for coarser ones."""
+        refused: NoEquilibrium | InputError | None = None
+        for _ in range(1 + COARSEST):
+            try:
+                self.pilots(self.family, self.sizes)
+                break
+            except (InputError, NoEquilibrium) as error:
+                refused = refused or error
+                for axis in range(len(self.sizes)):
+                    self.sizes = self.family.after(self.sizes, axis)
+        else:
+            assert refused is not None
+            raise refused
+        self._fine = [1.0]
+        self.error, self.how, self.order = self._look(), "assumed", FIRST[self.pilots.quantity]
+
+    def _look(self) -> float:
+        """Refine each direction alone: the shares, and what they add up to with the order of two meshes."""
+        usual, first, error = USUAL[self.family.order], FIRST[self.pilots.quantity], 0.0
+        here = self.pilot
+        for axis, n in enumerate(self.sizes):
+            there = self.family.after(self.sizes, axis)
+            ratio = n / there[axis]
+            change = distance(here.values, self.pilots(self.family, there).values, self.pilots.weights)
+            self.shares.append(coarse(ratio, change, usual))
+            self._alone.append((ratio, change))
+            error += coarse(ratio, change, first)
+        return error
+
+    def _next(self) -> bool:
+        """A finer mesh, by as much as the error known asks for; False where that has too many nodes."""
+        order = USUAL[self.family.order] if self.how == "assumed" else self.order
+        need = min(max((self.error / (AIM * self.target)) ** (1 / order), NEAREST), FARTHEST)
+        there = self._towards(need)
+        if self.nodes(there) > self.most:
+            return False
+        quantity, highest = self.pilots.quantity, self.family.highest
+        before, after = self.pilot, self.pilots(self.family, there)
+        usual, was = USUAL[self.family.order], sum(self.shares)
+        self.shares = [share * (n / m) ** usual for share, n, m in zip(self.shares, self.sizes, there, strict=True)]
+        self.sizes = there
+        self._fine.append(self._fine[-1] * max((was / max(sum(self.shares), ROUNDING)) ** (1 / usual), 1.01))
+        self._differences.append(distance(before.values, after.values, self.pilots.weights))
+        times = [m / n for n, m in zip(self.ladder[0][0], there, strict=True)]
+        if len(self._differences) == 1:
+            found = looked(self._alone, times, self._differences[0], usual, quantity)
+        else:
+            found = estimate(self._fine, self._differences, highest - (quantity == "stress"), quantity)
+        self.error, self.order, self.how = found.error, found.order, found.how
+        self._irregular = self._irregular + 1 if self.how == "irregular" else 0
+        return True
+
+    def _towards(self, need: float) -> Sizes:
+        """The mesh with the fewest nodes that is so many times finer than this one in what its shares add up to."""
+        usual, spans = USUAL[self.family.order], self.family.spans
+        allowed = sum(self.shares) * need**-usual
+        level = _level(self.shares, spans, allowed)
+        times = [max(1.0, (share / (span * level)) ** (1 / usual)) if level else need
+                 for share, span in zip(self.shares, spans, strict=True)]
+        small = NOTHING * self.target
+        times = [max(ratio, need**ALONE if share > small else 1.0) for ratio, share in zip(times, self.shares, strict=True)]
+        there = self.family.finer(self.sizes, times)
+        if there == self.sizes:
+            there = self.family.after(self.sizes, max(range(len(spans)), key=lambda axis: self.shares[axis] / spans[axis]))
+        return there
+
+
+def _level(shares: Sequence[float], spans: Sequence[int], allowed: float) -> float:
+    """E with sum_i min(e_i, w_i E) = allowed, for shares e_i and spans w_i."""
+    left = sorted(zip(shares, spans, strict=True), key=lambda one: one[0] / one[1])
+    for i, (share, span) in enumerate(left):
+        weight = sum(each for _, each in left[i:])
+        if share * weight >= allowed * span:  # all from here on are cut
+            return allowed / weight
+        allowed -= share
+    return math.inf if not left else left[-1][0] / left[-1][1]
