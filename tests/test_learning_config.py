@@ -19,7 +19,8 @@ def test_the_defaults_are_those_of_the_paper():
         scheme="step", history=0, estimate=False, segments=19, method="slic-mdod-e", tau=0.5, modes="elastic", mode_count=1, overlap=0,
         network=network, contact_radius=0.002, noise=1e-4, batch_size=8, steps=1_000_000, learning_rate=1e-4, final_learning_rate=1e-6,
         clip_norm=1.0, validate_every=10_000, seed=0,
-        bundle=1, pushed=0, outputs={"fields": []}, inputs={"material": False, "lengths": "m"}) | {key: value for key, value in config.items() if value is None}
+        bundle=1, pushed=0, outputs={"fields": []},
+        inputs={"material": False, "lengths": "m"}) | {key: value for key, value in config.items() if value is None}
     assert TrainConfig().frames is None and TrainConfig().budget_seconds is None
 
 

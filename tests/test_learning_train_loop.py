@@ -136,7 +136,7 @@ def test_frames_are_drawn_evenly_or_by_their_chance(cases):
     def shares(chance):
         counts, generator = np.zeros((2, 4)), torch.Generator().manual_seed(0)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(module, "sample", lambda case, frame, config, generator: (case, frame))
+            patch.setattr(module, "sample", lambda case, frame, config, generator, now: (case, frame))
             for case, frame, free in draw(cases, frames, chance, config, generator):
                 counts[int(case is cases[1]), frame] += 1
                 assert len(free) == len(case.skeleton.free)
