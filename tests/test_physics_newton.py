@@ -97,7 +97,7 @@ def test_a_factor_is_kept_until_the_steps_beyond_the_first_ones_outweigh_a_new_o
 def test_a_worn_factor_that_leads_nowhere_is_renewed_and_then_at_each_iterate():
     found, factors, seen, last = newton(), [], [], None
     found._refactor = lambda u: (factors.append(1), setattr(found.tangent, "stale", False))
-    found._look = lambda state, stride: seen.append(("watch", state.iterations, stride))
+    found._look = lambda state, last: seen.append(("watch", state.iterations, state.fraction - last.fraction))
     last, found.tangent.stale = State(0.25, np.ones_like(rest(found).u), np.zeros(0)), False
     fails = {"old": True, "new": True}
 
@@ -175,7 +175,7 @@ def test_looks_at_stability_come_when_three_tenths_of_the_softest_stiffness_coul
         softest[:] = finds or []
         before = len(factors)
         found.tangent.stale, found.tangent.giving = True, 0
-        found._look(State(0.5, u, np.zeros(0)), stride)
+        found._look(State(stride, u, np.zeros(0)), State(0.0, u, np.zeros(0)))
         assert len(factors) - before == (0 if finds is None else 1 + (i == 0)) and not softest
         assert found._watch.trusted == pytest.approx(trusted, rel=1e-12)
         assert found._watch.unseen == pytest.approx(0.015 if i == 1 else 0.014 if i == 6 else 0.0)
@@ -183,7 +183,7 @@ def test_looks_at_stability_come_when_three_tenths_of_the_softest_stiffness_coul
     assert not factors[0].any() and all((at == 1).all() for at in factors[1:]) and set(checked) == {1}
     linear = newton(material={"law": "linear", "young_modulus": 1e6, "poisson_ratio": 0.4})
     linear._refactor = lambda u: pytest.fail("a linear body is as stable as it was")
-    linear._look(State(0.5, u, np.zeros(0)), 1.0)
+    linear._look(State(1.0, u, np.zeros(0)), State(0.0, u, np.zeros(0)))
 
 
 def test_an_unstable_state_that_is_found_leaves_the_factor_stale():
@@ -196,8 +196,20 @@ def test_an_unstable_state_that_is_found_leaves_the_factor_stale():
 
     found._check_stable = unstable
     with pytest.raises(NoEquilibrium):
-        found._look(rest(found), 1.0)
+        found._look(replace(rest(found), fraction=1.0), rest(found))
     assert found.tangent.stale
+
+
+def test_a_body_that_is_touched_anew_is_looked_at_at_once():
+    found, looks = newton(), []
+    found._refactor = looks.append
+    found._softest_mode, found._check_stable = lambda: 4.0, lambda touch, look: None
+    found._watch = Watch(4.0, trusted=0.05)
+    u = np.ones_like(rest(found).u)
+    free, touched = (State(0.5, u, np.array([0.0, force])) for force in (0.0, 1.0))
+    for last, now, at_once in ((free, free, 0), (touched, touched, 0), (touched, free, 0), (free, touched, 1)):
+        found._look(replace(now, fraction=0.501), last)
+        assert len(looks) == at_once
 
 
 @pytest.mark.parametrize("giving, held, stable", [(0, 0, True), (1, 0, False), (1, 1, True), (2, 1, False), (2, 2, True)])
