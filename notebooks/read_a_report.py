@@ -98,5 +98,5 @@ for count in (1, 2):
     corrector = Corrector(scene, mesh, count=count)
     path = np.array([prediction[0]] + [corrector(prediction[t], t / last) for t in range(1, last + 1)])
     error = np.sqrt(np.mean(np.sum((path - truth.displacement[:, truth.body])[1:] ** 2, axis=2)))
-    print(f"{count} a frame: {1e3 * error:.4f} mm, {corrector.factorisations} factors in {last} frames")
+    print(f"{count} a frame: {1e3 * error:.3g} mm, {corrector.factorisations} factors in {last} frames")
 assert error < 0.1 * found["rmsd_all_all_nodes"]

@@ -34,7 +34,7 @@ def parse():
     (["check", "F"], {"folder": "F", "steps": 5}), (["check", "F", "--steps", "3"], {"folder": "F", "steps": ("positive", 3)}),
     (["stats", "F"], {"folder": "F", "refined": 0, "seed": 0}),
     (["stats", "F", "--refined", "2", "--seed", "7"], {"folder": "F", "refined": ("count", 2), "seed": ("seed", 7)}),
-    (["card", "F"], {"folder": "F", "refined": 10}), (["card", "F", "--refined", "0"], {"folder": "F", "refined": ("count", 0)}),
+    (["card", "F"], {"folder": "F", "refined": None}), (["card", "F", "--refined", "0"], {"folder": "F", "refined": ("count", 0)}),
     (["pack", "F", "--out", "P"], {"folder": "F", "out": "P", "tolerance": None, "share": None}),
     (["pack", "F", "--out", "P", "--tolerance", "2e-3"], {"folder": "F", "out": "P", "tolerance": 2e-3, "share": None}),
     (["pack", "F", "--out", "P", "--share", "0.1"], {"folder": "F", "out": "P", "tolerance": None, "share": 0.1}),

@@ -119,7 +119,7 @@ def modes_found(elastic: bool):
 
 
 def test_modes_are_told_in_their_unit_counted_from_one(monkeypatch, capsys):
-    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: (modes_found(True), None))
     monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
     rest = {"residuals": [1e-9, 2e-9], "dofs": 24, "seconds": 1.5, "cells": "1 cell", "solver": "dense", "clusters": [[1, 2]],
             "remarks": ["nothing of note"], "frequencies": "theirs"}
@@ -135,7 +135,7 @@ def test_modes_are_told_in_their_unit_counted_from_one(monkeypatch, capsys):
 def test_shapes_of_modes_stand_in_their_file(monkeypatch, capsys, tmp_path):
     import meshio
 
-    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: (modes_found(True), None))
     monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
     (tmp_path / "s.toml").write_text(beam().to_toml())
     assert called(capsys, "modes", tmp_path / "s.toml", "--out", tmp_path / "e.vtu")[1].endswith(f"shapes: {tmp_path / 'e.vtu'}\n")
@@ -152,7 +152,7 @@ def test_shapes_of_modes_stand_in_their_file(monkeypatch, capsys, tmp_path):
 
 def test_pictures_of_modes_are_named_by_value_and_unit(monkeypatch, capsys, tmp_path):
     given = []
-    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: (modes_found(True), None))
     monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
     monkeypatch.setattr("physics.view.mode_pictures", lambda folder, mesh, shapes, names, films, say:
                         given.append((folder, names)) or say(f"films {films}") or ["a", "b"])
@@ -167,7 +167,7 @@ def test_pictures_of_modes_are_named_by_value_and_unit(monkeypatch, capsys, tmp_
 
 def test_modes_are_written_as_a_page(monkeypatch, capsys, tmp_path):
     given = []
-    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: modes_found(True))
+    monkeypatch.setattr(scene_verbs, "_elastic", lambda options, spread: (modes_found(True), None))
     monkeypatch.setattr(scene_verbs, "_laplacian", lambda options, spread: modes_found(False))
     monkeypatch.setattr("physics.view.write_page", lambda path, title, shown, facts: given.append((path, title, shown, facts)))
     page = tmp_path / "m.html"

@@ -8,6 +8,7 @@ import pytest
 import scipy.sparse
 
 from datagen.flow.prediction import FlowTruth
+from datagen.flow.refined import carried
 from learning.flows import rivals
 from learning.flows.rivals import REFERENCE, FlowPath, again, coarser, decomposed, dynamic_modes, elements, period, stays, trivial
 from learning.prediction.predictor import LeftOut
@@ -229,5 +230,5 @@ def test_values_are_carried_frame_by_frame():
     carry = scipy.sparse.csr_matrix(np.array([[1.0, 0], [0, 1], [1, 1]]))
     values = np.arange(20.0).reshape(5, 2, 2)
     wanted = np.stack([values[:, 0], values[:, 1], values.sum(axis=1)], axis=1)
-    np.testing.assert_array_equal(rivals._carried(carry, values), wanted)
-    np.testing.assert_array_equal(rivals._carried(carry, values[..., 0]), wanted[..., 0])
+    np.testing.assert_array_equal(carried(carry, values), wanted)
+    np.testing.assert_array_equal(carried(carry, values[..., 0]), wanted[..., 0])

@@ -66,8 +66,8 @@ def test_steps_that_lead_nowhere_are_said_to(factor, said):
         found.improve(0.5, way, state_at(found, 0 * way), guess=0 * way, share=1e-3)
 
 
-def test_a_factor_serves_until_a_node_has_moved_by_0035_of_the_smallest_extent():
-    """20 mm: 0.7 mm, of the last state."""
+def test_a_factor_serves_until_a_node_has_moved_by_a_tenth_of_the_smallest_extent():
+    """20 mm: 2 mm, of the last state."""
     found, factors = newton(), []
     found._step = lambda force, touch: 0 * force
     found._refactor = lambda u: (factors.append(u), setattr(found.tangent, "factored_at", u), setattr(found.tangent, "stale", False))
@@ -80,8 +80,8 @@ def test_a_factor_serves_until_a_node_has_moved_by_0035_of_the_smallest_extent()
         return len(factors)
 
     assert improve(0.0) == 1  # there was none
-    assert improve(0.69e-3) == 1 and improve(-0.69e-3) == 1
-    assert improve(0.71e-3) == 2 and improve(1.40e-3) == 2 and improve(0.02e-3) == 2 and improve(-0.01e-3) == 3
+    assert improve(1.99e-3) == 1 and improve(-1.99e-3) == 1
+    assert improve(2.01e-3) == 2 and improve(4.00e-3) == 2 and improve(0.02e-3) == 2 and improve(-0.01e-3) == 3
     found.outdate()
     assert improve(-0.01e-3) == 4
 

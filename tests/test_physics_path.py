@@ -216,6 +216,11 @@ def test_a_final_state_beyond_a_snap_is_found_in_the_steps_of_the_scene(monkeypa
         def model(self):
             return {}
 
+        def memory(self):
+            raise AssertionError("no journal is kept")
+
+        recall = memory
+
     monkeypatch.setattr(solution_module, "_way", way)
     scene = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [1, 1, 1]}, steps={"count": 20})
     found = solve(scene, final=True)
