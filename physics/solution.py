@@ -122,9 +122,9 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     found = Solution(
         mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
-        model=path.model() | snapped(way.frames["snap"]) | _cut(mesh, way.frames["displacement"])
-        | _inside_out(scene, mesh, way.frames["displacement"]),
+        model=path.model() | snapped(way.frames["snap"]) | _cut(mesh, way.frames["displacement"]),
         seconds=way.seconds, set_up=set_up, resumed=way.resumed, failure=failure)
+    found.model.update(_inside_out(scene, found))
     if failure and not partial:
         raise NoEquilibrium(failure, found)
     return found
@@ -175,11 +175,11 @@ def _cut(mesh: Mesh, displacement: Floats) -> dict[str, str]:
                      "itself, and from there on it is not to be believed"}
 
 
-def _inside_out(scene: Scene, mesh: Mesh, displacement: Floats) -> dict[str, str]:
-    """From which step of a path (T, N, 3) on a cell is turned inside out, which one law bears without resistance, in words."""
+def _inside_out(scene: Scene, found: Solution) -> dict[str, str]:
+    """From which step of a path on a cell is turned inside out, which one law bears without resistance, in words."""
     if all(material.law != "saint-venant-kirchhoff" for material in scene.materials):
         return {}
-    inverted = np.flatnonzero(smallest_det_f(mesh.points, displacement, mesh.cells, mesh.cell) <= 0)
+    inverted = np.flatnonzero(found.smallest_det_f <= 0)
     if not len(inverted):
         return {}
     return {"inside out": f"at step {inverted[0]} a cell is turned inside out, which saint-venant-kirchhoff bears and no body does; from "

@@ -124,8 +124,7 @@ def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: boo
     if not files:
         raise InputError("no trajectory files given")
     examples, trajectories = [], [_trajectory(path) for path in files]
-    layout = layout or layout_of(trajectories, config.outputs.fields, material=config.inputs.material, lengths=config.inputs.lengths,
-                                 bundle=config.bundle)
+    layout = layout or _layout(trajectories, config)
     if not (walk or layout.flow or any(map(moves, trajectories))):
         others = ", ".join(trajectories[0].fields)
         raise InputError(f"nothing moves in this set: the displacement of every free node of its {len(files)} trajectories is zero, and "
@@ -141,6 +140,10 @@ def load_examples(files: Sequence[str | Path], config: TrainConfig, *, walk: boo
         except (InputError, FloatingPointError) as error:
             raise InputError(f"{path}: {error}") from None
     return examples
+
+
+def _layout(trajectories: Sequence[Trajectory], config: TrainConfig) -> Layout:
+    return layout_of(trajectories, config.outputs.fields, bundle=config.bundle, **vars(config.inputs))
 
 
 def _trajectory(path: str | Path) -> Trajectory:
@@ -168,8 +171,7 @@ def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArr
     Raises:
         InputError: a mesh that cannot be cut, a trajectory of another layout, a scheme that flows do not know
     """
-    layout = layout or layout_of([trajectory], config.outputs.fields, material=config.inputs.material, lengths=config.inputs.lengths,
-                                 bundle=config.bundle)
+    layout = layout or _layout([trajectory], config)
     layout.check(trajectory)
     if layout.flow and (config.scheme != "step" or config.history or config.estimate):
         raise InputError('a flow is predicted step by step: scheme = "step", without history and estimate')
