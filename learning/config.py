@@ -52,7 +52,7 @@ class TrainConfig:
     estimate: correct an estimate of the reduced-order model rather than predict from nothing
     frames: that are learned from in each trajectory, evenly spaced; all by default
     bundle: of flows, frames that are told at once
-    pushed: of flows, the most of its own predictions by which a frame is reached from which the network learns to go on
+    pushed: of flows, how many of its own predictions lie in the mean behind a frame from which the network learns to go on
     segments: how many, for networks that see them; "auto" picks the number for each body by its silhouette
     method: how segments are cut
     tau: weight of place against obstacle and modes in the cut
