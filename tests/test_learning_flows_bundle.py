@@ -77,8 +77,3 @@ def test_a_rollout_goes_on_from_the_last_of_the_frames_told_at_once():
 def test_a_single_step_is_the_first_of_the_frames_told_at_once():
     truth = square_flow()
     np.testing.assert_array_equal(predict_step(model(truth), truth)[3, 4, :2], truth.fields["velocity"][3, 4, :2] + [1, 2])
-
-
-def test_frames_of_bodies_are_not_pushed():
-    with pytest.raises(InputError, match="pushed = 2: is of flows"):
-        build_example(tiny(), TrainConfig(pushed=2, network=GCNConfig()))

@@ -183,7 +183,7 @@ def _predict(model: Model, example: Example, targets: list[int], now: list[NDArr
 
 
 def went_on(model: Model, example: Example, frame: int, now: NDArray[np.floating]) -> NDArray[np.float32]:
-    """(N, D) the last frame of a flow that is told at once from a state (N, D) at a frame; what is given there as given."""
+    """(N, D) the last frame that is told at once from a state (N, D) at a frame, by scheme = "step"; what is given there as given."""
     said = _predict(model, example, [frame + 1], [now], [now])[0, -1]
     after = np.where(example.skeleton.free[:, None], said[:, :example.layout.space], example.states[frame + example.layout.bundle])
     return after.astype(np.float32)

@@ -17,11 +17,11 @@ import scipy
 import torch
 
 from learning.config import TrainConfig
-from learning.flows.walks import Walks
 from learning.networks.kinds import build
 from learning.networks.stored import put_into
 from learning.prediction.checkpoint import Checkpoint, Model, read_checkpoint, write_checkpoint
 from learning.samples.samples import Example, fit_normaliser
+from learning.training.walks import Walks
 from physics.schema import InputError, read_table, to_table
 
 

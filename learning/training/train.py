@@ -30,17 +30,17 @@ from tqdm import tqdm
 
 from learning.config import TrainConfig
 from learning.devices import device_of
-from learning.flows.walks import Walks
 from learning.graphs.graph import Graph, join
 from learning.networks.blocks import products
 from learning.prediction.memory import keep_freed_memory
 from learning.prediction.rollout import rollout_error
+from learning.processes import Processes, processes
 from learning.samples.samples import Example, all_frames, chances, load_examples, sample
 from learning.samples.scales import Normaliser
 from learning.samples.seen import seen, write_seen
 from learning.training.curve import Curve
-from learning.training.processes import Processes, processes
 from learning.training.run import Run, set_up
+from learning.training.walks import Walks
 from physics.schema import InputError
 from physics.whole import write_whole
 

@@ -1,9 +1,9 @@
-"""Frames of flows that the network's own predictions have led to, for it to learn to go on from.
+"""Frames that the network's own predictions have led to, for it to learn to go on from.
 
-A network that has learned from true frames alone is soon lost among its own. So flows are walked while it learns: one that is drawn is
-shown as the network's predictions have left it, the network learns to come from there to the true frames that follow, and the walk
+A network that has learned from true frames alone is soon lost among its own. So trajectories are walked while it learns: one that is drawn
+is shown as the network's predictions have left it, the network learns to come from there to the true frames that follow, and the walk
 goes on by one prediction. With chance 1 / (1 + pushed) a walk begins anew at the true frame that was drawn, so that `pushed` predictions
-lie behind a frame in the mean; it does so too where the flow is over, and where the walk has gone farther astray than the fluid moves.
+lie behind a frame in the mean; it does so too at the end of a trajectory, and where it has gone as far astray as the trajectory moves.
 
 This is the pushforward of Brandstetter et al., arXiv:2202.03376, over as many predictions as one likes for the price of one.
 """
@@ -23,15 +23,17 @@ from learning.samples.samples import Example
 
 
 class Walks:
-    """How far each flow of a training has been walked.
+    """How far each trajectory of a training has been walked.
 
     frame: (E,) int64, the frame that is reached; -1 where a walk is to begin
-    state: of each flow (N, D) float32, the velocity there [m/s]
+    state: of each (N, D) float32, its state there as `Example.states` has it
+    motion: (E,) root mean square of the true states of its free nodes
     """
 
     def __init__(self, model: Model, examples: Sequence[Example], kept: dict[str, Tensor] | None = None) -> None:
         """kept: what `tensors` gave; by default all walks are to begin."""
         self.model, self.examples = model, examples
+        self.motion = [np.sqrt(np.square(each.states[:, each.skeleton.free], dtype=np.float64).mean()) for each in examples]
         self.frame = np.full(len(examples), -1)
         self.state = [example.states[0] for example in examples]
         if kept:
@@ -39,11 +41,11 @@ class Walks:
             self.state = np.split(kept["state"].numpy(), np.cumsum([len(state) for state in self.state])[:-1])
 
     def tensors(self) -> dict[str, Tensor]:
-        """What another needs to go on from here, all flows' nodes one after the other."""
+        """What another needs to go on from here, all nodes one after the other."""
         return {"frame": torch.from_numpy(self.frame.copy()), "state": torch.from_numpy(np.concatenate(self.state))}
 
     def next(self, which: int, frame: int, generator: torch.Generator) -> tuple[int, NDArray[np.float32]]:
-        """The frame of a flow to learn from, and (N, D) what is shown of it; the walk has then gone on from there.
+        """The frame of a trajectory to learn from, and (N, D) what is shown of it; the walk has then gone on from there.
 
         frame: the true one at which a walk begins
         """
@@ -53,7 +55,6 @@ class Walks:
         if again or not 0 <= at < example.targets[-1]:
             at, now = frame, example.states[frame]
         after, free = went_on(self.model, example, at, now), example.skeleton.free
-        true = example.states[at + bundle][free]
-        lost = not np.square(after[free] - true).mean() <= np.square(true).mean()
+        lost = not np.sqrt(np.square((after - example.states[at + bundle])[free]).mean()) <= self.motion[which]
         self.frame[which], self.state[which] = -1 if lost else at + bundle, after
         return at, now
