@@ -189,11 +189,12 @@ class Zone:
         self.weights = rows[:, self.nodes].toarray()
         self.softness = contact.softness[self.points]
         self._rest = contact.rest[self.nodes]
+        self._part: tuple[NDArray[np.int64], NDArray[np.int64], Floats] | None = None
 
     def covers(self, u: Floats, centre: Floats, near: float) -> bool:
         """True when no point outside of the zone can have a gap below `near` [m]."""
         change = u - self.made_at
-        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self.made_with, axis=-1).max()
+        moved = np.sqrt(np.einsum("ij,ij->i", change, change).max()) + np.linalg.norm(centre - self.made_with, axis=-1).max()
         return bool(moved <= self._reach - near)
 
     def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
@@ -204,14 +205,21 @@ class Zone:
         """(m, 3) forces [N] on the zone's nodes of point forces (q,) along normals (q, 3)."""
         return self.weights.T @ (pressure[:, None] * normal)
 
-    def gradient(self, points: NDArray[np.int64], nodes: NDArray[np.int64], normal: Floats) -> Floats:
-        """G (k, 3 n): derivative of the gaps of k of its points by the components of n of its nodes that hold all of theirs."""
-        weights = self.weights[points[:, None], nodes]  # (k, n)
-        return (weights[:, :, None] * normal[points][:, None, :]).reshape(len(points), -1)
+    def behind(self, points: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
+        """The n of its nodes that hold k of its points, and their weights (k, n); for the same points once more the same arrays."""
+        if self._part is None or not np.array_equal(points, self._part[0]):
+            weights = self.weights[points]
+            nodes = np.flatnonzero(weights.any(axis=0))
+            self._part = points, nodes, weights.take(nodes, axis=1)
+        return self._part[1:]
 
-    def bend(self, points: NDArray[np.int64], nodes: NDArray[np.int64], pressure: Floats, u: Floats, centre: Floats) -> Floats:
+    def gradient(self, weights: Floats, normal: Floats) -> Floats:
+        """G (k, 3 n): derivative of the gaps of k points by the components of n nodes, with their weights (k, n) and normals (k, 3)."""
+        return (weights[:, :, None] * normal[:, None, :]).reshape(len(weights), -1)
+
+    def bend(self, points: NDArray[np.int64], nodes: NDArray[np.int64], weights: Floats, pressure: Floats, u: Floats,
+             centre: Floats) -> Floats:
         """B (b, 3 n): forces (k,) on a round obstacle take B^T B from the stiffness of n nodes, for their normals turn."""
-        weights = self.weights[points[:, None], nodes]  # (k, n)
         positions = weights @ (self._rest + u[self.nodes])[nodes]
         rows = self.obstacle.among(points).bend(positions, centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
         rows = weights[:, None, :, None] * rows[:, :, None, :]  # (k, 2, n, 3)
