@@ -18,7 +18,10 @@ Legend: N nodes, Q points.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import scipy.linalg
@@ -30,12 +33,14 @@ from scipy.linalg import lapack
 from physics.contact.obstacles import Rigid
 from physics.contact.points import merged, points_of
 from physics.contact.several import Rigids
+from physics.linalg.native import compiled, pointer
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, kind_of, unique_edges
 from physics.scene import Obstacle
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 FINEST = 8  # parts of an edge
 CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
@@ -176,7 +181,7 @@ def contact_of(obstacles: Sequence[Obstacle], mesh: Mesh, held: NDArray[np.bool_
 class Zone:
     """The part of a surface near an obstacle: for as long as `covers` says so, all that contact has to look at.
 
-    points: (q,) of the surface; nodes: (m,) behind them; weights: (q, m) dense; softness: (q,) [m/N]; obstacle: as they meet it
+    points: (q,) of the surface; nodes: (m,) behind them; weights: (q, m) sparse; softness: (q,) [m/N]; obstacle: as they meet it
     made_at, made_with: the displacements (N, 3) and the obstacle's centre (3,), of several (K, 3), that it was made for
     """
 
@@ -186,41 +191,62 @@ class Zone:
         self.obstacle = contact.obstacle.among(self.points)
         rows = contact.surface.weights[self.points]
         self.nodes = np.unique(rows.indices).astype(np.int64)
-        self.weights = rows[:, self.nodes].toarray()
+        self.weights = rows[:, self.nodes].tocsr().astype(float)
+        self.weights.sort_indices()
         self.softness = contact.softness[self.points]
         self._rest = contact.rest[self.nodes]
-        self._part: tuple[NDArray[np.int64], NDArray[np.int64], Floats] | None = None
+        self._kept = self.weights.indptr.astype(np.int32), self.weights.indices.astype(np.int32), self.weights.data
+        self._rows = [pointer(array) for array in self._kept]
+        self._behind: tuple[Integers, Integers] | None = None
 
     def covers(self, u: Floats, centre: Floats, near: float) -> bool:
         """True when no point outside of the zone can have a gap below `near` [m]."""
-        change = u - self.made_at
-        moved = np.sqrt(np.einsum("ij,ij->i", change, change).max()) + np.linalg.norm(centre - self.made_with, axis=-1).max()
-        return bool(moved <= self._reach - near)
+        now, then = (np.ascontiguousarray(each, float) for each in (u, self.made_at))
+        moved = _library().farthest(ctypes.c_int64(len(u)), pointer(now), pointer(then))
+        return bool(moved + np.linalg.norm(centre - self.made_with, axis=-1).max() <= self._reach - near)
+
+    def positions(self, u: Floats) -> Floats:
+        """(q, 3) where its points are at displacements (N, 3)."""
+        u, found = np.ascontiguousarray(u, float), np.empty((len(self.points), 3))
+        _library().positions(ctypes.c_int64(len(found)), *self._rows, *map(pointer, (self.nodes, self._rest, u, found)))
+        return found
 
     def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
         """Gaps (q,) [m] and normals (q, 3) at displacements (N, 3)."""
-        return self.obstacle.gap(self.weights @ (self._rest + u[self.nodes]), centre)
+        return self.obstacle.gap(self.positions(u), centre)
 
     def forces(self, pressure: Floats, normal: Floats) -> Floats:
         """(m, 3) forces [N] on the zone's nodes of point forces (q,) along normals (q, 3)."""
-        return self.weights.T @ (pressure[:, None] * normal)
+        pressure, normal, found = np.ascontiguousarray(pressure), np.ascontiguousarray(normal), np.zeros((len(self.nodes), 3))
+        _library().forces(ctypes.c_int64(len(pressure)), *self._rows, *map(pointer, (pressure, normal, found)))
+        return found
 
-    def behind(self, points: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
-        """The n of its nodes that hold k of its points, and their weights (k, n); for the same points once more the same arrays."""
-        if self._part is None or not np.array_equal(points, self._part[0]):
-            weights = self.weights[points]
-            nodes = np.flatnonzero(weights.any(axis=0))
-            self._part = points, nodes, weights.take(nodes, axis=1)
-        return self._part[1:]
+    def behind(self, points: Integers) -> Integers:
+        """(n,) its nodes that hold some of its points (k,); for the same points once more the same array."""
+        if self._behind is None or not np.array_equal(points, self._behind[0]):
+            self._behind = points, np.unique(self.weights[points].indices).astype(np.int64)
+        return self._behind[1]
 
-    def gradient(self, weights: Floats, normal: Floats) -> Floats:
-        """G (k, 3 n): derivative of the gaps of k points by the components of n nodes, with their weights (k, n) and normals (k, 3)."""
-        return (weights[:, :, None] * normal[:, None, :]).reshape(len(weights), -1)
+    def gradient(self, points: Integers, nodes: Integers, normal: Floats) -> Floats:
+        """G (k, 3 n): derivative of the gaps of k of its points by the components of n of its nodes that hold all of theirs."""
+        return self._spread(points, nodes, normal[points])
 
-    def bend(self, points: NDArray[np.int64], nodes: NDArray[np.int64], weights: Floats, pressure: Floats, u: Floats,
-             centre: Floats) -> Floats:
+    def bend(self, points: Integers, nodes: Integers, pressure: Floats, u: Floats, centre: Floats) -> Floats:
         """B (b, 3 n): forces (k,) on a round obstacle take B^T B from the stiffness of n nodes, for their normals turn."""
-        positions = weights @ (self._rest + u[self.nodes])[nodes]
-        rows = self.obstacle.among(points).bend(positions, centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
-        rows = weights[:, None, :, None] * rows[:, :, None, :]  # (k, 2, n, 3)
-        return rows[rows.any(axis=(2, 3))].reshape(-1, 3 * len(nodes))
+        rows = self.obstacle.among(points).bend(self.positions(u)[points], centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
+        point, which = rows.any(axis=2).nonzero()
+        return self._spread(points[point], nodes, rows[point, which])
+
+    def _spread(self, points: Integers, nodes: Integers, vectors: Floats) -> Floats:
+        """(r, 3 n) w_qa v: vectors (r, 3) at points (r,), given to those of n nodes that hold them."""
+        found = np.zeros((len(points), 3 * len(nodes)))
+        _library().spread(ctypes.c_int64(len(points)), pointer(points), pointer(vectors), *self._rows, ctypes.c_int64(len(self.nodes)),
+                          ctypes.c_int64(len(nodes)), pointer(nodes), pointer(found))
+        return found
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    library = compiled((Path(__file__).parent / "loops.cpp").read_text(), rounded=True)
+    library.farthest.restype = ctypes.c_double
+    return library

@@ -29,10 +29,9 @@ class Touch:
 
     def rows(self, points: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats, Floats]:
         """Of k points of the zone: n nodes of it behind them, G (k, 3 n) their gaps' gradient, and B (b, 3 n) of `Zone.bend`."""
-        (nodes, weights), pressing = self.zone.behind(points), self.pressure[points] > 0
-        pressed = points[pressing]
-        return (nodes, self.zone.gradient(weights, self.normal[points]),
-                self.zone.bend(pressed, nodes, weights[pressing], self.pressure[pressed], self.u, self.centre))
+        nodes, pressed = self.zone.behind(points), points[self.pressure[points] > 0]
+        return (nodes, self.zone.gradient(points, nodes, self.normal),
+                self.zone.bend(pressed, nodes, self.pressure[pressed], self.u, self.centre))
 
     def felt(self, points: NDArray[np.int64]) -> Felt:
         """Contact at some points of the zone, as the linear algebra takes it."""

@@ -116,8 +116,9 @@ class Checker:
         if len(zone.points) and np.isfinite(force).all():
             _, normal = zone.gaps(u, centre)
             movable = free[zone.nodes]  # (m, 3)
-            pull = zone.gradient(zone.weights, normal)[:, movable.ravel()].T  # (3 m, q)
-            p = scipy.optimize.nnls(pull, force[zone.nodes][movable], maxiter=100 * len(zone.points))[0]
+            points, nodes = np.arange(len(zone.points)), np.arange(len(zone.nodes))
+            pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
+            p = scipy.optimize.nnls(pull, force[zone.nodes][movable], maxiter=100 * len(points))[0]
             force[zone.nodes] -= zone.forces(p, normal)
             reactions = -zone.obstacle.sums(p, normal)
         return Frame(float(np.linalg.norm(force[free])), reactions, energy)
