@@ -19,6 +19,7 @@ Legend: N nodes, Q points.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -119,7 +120,7 @@ def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_],
         p = np.zeros(len(gap))
         if active.any():
             index = np.flatnonzero(active)
-            part = matrix[np.ix_(index, index)]
+            part = matrix[index[:, None], index]
             if definite:
                 _, solved, failed = lapack.dposv(part, -gap[index][:, None])
                 if failed:
@@ -186,7 +187,7 @@ class Zone:
     """
 
     def __init__(self, contact: Contact, u: Floats, centre: Floats, reach: float) -> None:
-        self._contact, self.made_at, self.made_with, self._reach = contact, u, centre, reach
+        self.made_at, self.made_with, self._reach = np.ascontiguousarray(u, float), centre, reach
         self.points = np.flatnonzero(contact.gaps(u, centre)[0] < reach)
         self.obstacle = contact.obstacle.among(self.points)
         rows = contact.surface.weights[self.points]
@@ -197,18 +198,19 @@ class Zone:
         self._rest = contact.rest[self.nodes]
         self._kept = self.weights.indptr.astype(np.int32), self.weights.indices.astype(np.int32), self.weights.data
         self._rows = [pointer(array) for array in self._kept]
-        self._behind: tuple[Integers, Integers] | None = None
+        self._there, self._from = [pointer(array) for array in (self.nodes, self._rest)], pointer(self.made_at)
+        self._behind: tuple[Integers, Integers, Integers] | None = None
 
     def covers(self, u: Floats, centre: Floats, near: float) -> bool:
         """True when no point outside of the zone can have a gap below `near` [m]."""
-        now, then = (np.ascontiguousarray(each, float) for each in (u, self.made_at))
-        moved = _library().farthest(ctypes.c_int64(len(u)), pointer(now), pointer(then))
-        return bool(moved + np.linalg.norm(centre - self.made_with, axis=-1).max() <= self._reach - near)
+        u = np.ascontiguousarray(u, float)
+        way = max(map(math.dist, np.atleast_2d(centre), np.atleast_2d(self.made_with)))
+        return bool(_library().farthest(ctypes.c_int64(len(u)), pointer(u), self._from) + way <= self._reach - near)
 
     def positions(self, u: Floats) -> Floats:
         """(q, 3) where its points are at displacements (N, 3)."""
         u, found = np.ascontiguousarray(u, float), np.empty((len(self.points), 3))
-        _library().positions(ctypes.c_int64(len(found)), *self._rows, *map(pointer, (self.nodes, self._rest, u, found)))
+        _library().positions(ctypes.c_int64(len(found)), *self._rows, *self._there, pointer(u), pointer(found))
         return found
 
     def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
@@ -218,14 +220,15 @@ class Zone:
     def forces(self, pressure: Floats, normal: Floats) -> Floats:
         """(m, 3) forces [N] on the zone's nodes of point forces (q,) along normals (q, 3)."""
         pressure, normal, found = np.ascontiguousarray(pressure), np.ascontiguousarray(normal), np.zeros((len(self.nodes), 3))
-        _library().forces(ctypes.c_int64(len(pressure)), *self._rows, *map(pointer, (pressure, normal, found)))
+        _library().forces(ctypes.c_int64(len(pressure)), *self._rows, pointer(pressure), pointer(normal), pointer(found))
         return found
 
-    def behind(self, points: Integers) -> Integers:
-        """(n,) its nodes that hold some of its points (k,); for the same points once more the same array."""
-        if self._behind is None or not np.array_equal(points, self._behind[0]):
-            self._behind = points, np.unique(self.weights[points].indices).astype(np.int64)
-        return self._behind[1]
+    def behind(self, points: Integers) -> tuple[Integers, Integers]:
+        """(n,) its nodes that hold some of its points (k,), and their numbers; for the same points once more the same arrays."""
+        if self._behind is None or points is not self._behind[0] and not np.array_equal(points, self._behind[0]):
+            nodes = np.unique(self.weights[points].indices).astype(np.int64)
+            self._behind = points, nodes, self.nodes[nodes]
+        return self._behind[1:]
 
     def gradient(self, points: Integers, nodes: Integers, normal: Floats) -> Floats:
         """G (k, 3 n): derivative of the gaps of k of its points by the components of n of its nodes that hold all of theirs."""

@@ -29,14 +29,14 @@ class Touch:
 
     def rows(self, points: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats, Floats]:
         """Of k points of the zone: n nodes of it behind them, G (k, 3 n) their gaps' gradient, and B (b, 3 n) of `Zone.bend`."""
-        nodes, pressed = self.zone.behind(points), points[self.pressure[points] > 0]
+        nodes, pressed = self.zone.behind(points)[0], points[self.pressure[points] > 0]
         return (nodes, self.zone.gradient(points, nodes, self.normal),
                 self.zone.bend(pressed, nodes, self.pressure[pressed], self.u, self.centre))
 
     def felt(self, points: NDArray[np.int64]) -> Felt:
         """Contact at some points of the zone, as the linear algebra takes it."""
-        nodes, gradient, bend = self.rows(points)
-        found = Felt(self.zone.nodes[nodes], gradient, bend, self.gap[points], self.zone.softness[points], self.pressure[points])
+        _, gradient, bend = self.rows(points)
+        found = Felt(self.zone.behind(points)[1], gradient, bend, self.gap[points], self.zone.softness[points], self.pressure[points])
         obstacle = self.zone.obstacle.among(points)
         if len(obstacle.each) > 1:  # which may press against each other
             found.reaction = float(np.linalg.norm(obstacle.sums(found.pressed, self.normal[points]), axis=1).sum())

@@ -79,9 +79,9 @@ def best_order(states: list[State], state: State) -> int:
 
 def _through(states: list[State], fraction: float, fewest: int) -> Floats:
     """(S - fewest + 1, N, 3) the polynomials through the last n of S states at a fraction, for n from the fewest to S."""
-    at, values = np.array([state.fraction for state in states]), np.array([pointer(state.u).value for state in states])
-    found = np.empty((len(states) - fewest + 1, *states[0].u.shape))
-    _library().through(*map(ctypes.c_int64, (len(states), fewest, states[0].u.size)), pointer(at), pointer(values),
+    count, found = len(states), np.empty((len(states) - fewest + 1, *states[0].u.shape))
+    at, values = (ctypes.c_double * count)(*(s.fraction for s in states)), (ctypes.c_void_p * count)(*(pointer(s.u).value for s in states))
+    _library().through(ctypes.c_int64(count), ctypes.c_int64(fewest), ctypes.c_int64(states[0].u.size), at, values,
                        ctypes.c_double(fraction), pointer(found))
     return found
 
