@@ -21,8 +21,9 @@ from physics.body.material import cellwise
 from physics.body.pressure import Pressed
 from physics.body.schedule import Moves, largest_share, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
-from physics.contact.conditions import CONTACT_STIFFNESS, cell_size, contact_of
+from physics.contact.conditions import CONTACT_STIFFNESS, cell_size
 from physics.contact.obstacles import buried
+from physics.contact.touch import contact_of
 from physics.mesh.build import across
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.contact.conditions import Zone
-from physics.contact.touch import Touch
+from physics.contact.touch import Touch, Zone
 from physics.equilibrium.balance import GAP_TOLERANCE, Balance
 from physics.equilibrium.mixing import Mixing, MixingMemory
 from physics.equilibrium.stability import Watch, softest_mode

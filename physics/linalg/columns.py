@@ -54,7 +54,7 @@ class Columns:
 
         Asked for the same nodes once more it gives the same array, as long as nothing was forgotten.
         """
-        if nodes is self._asked or self._asked is not None and np.array_equal(nodes, self._asked):
+        if nodes is self._asked or (self._asked is not None and np.array_equal(nodes, self._asked)):
             return self._answer
         place = self._places(nodes)
         if (place < 0).any():

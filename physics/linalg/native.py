@@ -52,7 +52,7 @@ def compiled(source: Callable[[], str] | str, *key: str, rounded: bool = False) 
 def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
     """The address of an array's numbers, which must lie one after another; it does not keep the array alive."""
     try:
-        return ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(array)))
+        return ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(array)))  # type: ignore[arg-type]
     except (TypeError, ValueError):  # of an array that is empty or not to be written to, in five times the time
         assert array.flags.c_contiguous
         return ctypes.c_void_p(array.ctypes.data)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from physics.contact.conditions import Contact, ContactSurface
+from physics.contact.conditions import ContactSurface
 from physics.contact.obstacles import Rigid
-from physics.contact.touch import Condensed, Touch
+from physics.contact.touch import Condensed, Contact, Touch
 from physics.mesh.build import build_mesh
 from physics.scene import Body, Obstacle
 
