@@ -22,10 +22,10 @@ from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE
 from physics.equilibrium.state import NoEquilibrium
+from physics.inversion import smallest_det_f
 from physics.journal import digest_of, follow, unflatten
 from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh
-from physics.mesh.quality import smallest_det_f
 from physics.mesh.sound.folded import folded
 from physics.modes.locking import said_of_path
 from physics.motion.dynamics import Motion
@@ -68,7 +68,7 @@ class Solution:
     @cached_property
     def smallest_det_f(self) -> Floats:
         """(T,) smallest det F of all cells, as in `mesh.quality.det_f`."""
-        return smallest_det_f(self.mesh.points, self.displacement, self.mesh.cells, self.mesh.cell)
+        return smallest_det_f(self.mesh, self.displacement)
 
     def stiff(self, scene: Scene) -> tuple[str, ...]:
         """A remark when the cells of its scene are much too stiff for what it does (modes/locking.py)."""
