@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physics.body.kernel import smallest_det_f
 from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE
 from physics.equilibrium.state import NoEquilibrium
-from physics.inversion import smallest_det_f
 from physics.journal import digest_of, follow, unflatten
 from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh

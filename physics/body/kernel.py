@@ -1,4 +1,4 @@
-"""Energy, forces and stiffness of all cells, as many at a time as the processor has lanes.
+"""Energy, forces and stiffness of all cells, as many at a time as the processor has lanes; and whether a path turns cells inside out.
 
     W_c = sum_p V_p W(F_p)        F_p = I + sum_a u_a (x) g_ap        (sample points p as element.py gives them)
     f_a = sum_p V_p P g_ap        P = dW/dF
@@ -28,10 +28,13 @@ from physics import fem
 from physics.body.element import Samples
 from physics.body.material import law_of
 from physics.linalg.native import aligned, compiled, pointer
+from physics.mesh.mesh import Mesh
+from physics.mesh.quality import rest_jacobians, slopes
 
 Floats = NDArray[np.float64]
 
 PACK, LOOPS = ((Path(__file__).parent / name).read_text() for name in ("pack.cpp", "loops.cpp"))
+AT_ONCE = 4  # cells whose det F is found together
 
 
 class Kernel:
@@ -109,3 +112,25 @@ def _library(law: str, nodes: int, points: int, sheet: bool) -> ctypes.CDLL:
     for name in ("energies", "forces", "stiffnesses"):
         getattr(loaded, name).restype = None
     return loaded
+
+
+def smallest_det_f(mesh: Mesh, displacement: Floats) -> Floats:
+    """(T,) smallest det F of a mesh that is sound at rest, at displacements (T, N, 3) [m] without a nan.
+
+    What `mesh.quality.det_f` finds without a compiler, in a third of its time for all frames of a path.
+    """
+    rest, u = rest_jacobians(mesh.points, mesh.cells, mesh.cell), np.ascontiguousarray(displacement, float)
+    more = -len(mesh.cells) % AT_ONCE
+    packs = np.pad(rest, ((0, 0), (0, more)), constant_values=np.nan).reshape(len(rest), -1, AT_ONCE).transpose(1, 0, 2).copy()
+    cells = np.pad(mesh.cells, ((0, more), (0, 0))).astype(np.int32)
+    points, slope, found = np.ascontiguousarray(mesh.points), np.ascontiguousarray(slopes(mesh.cell)), np.empty(len(u))
+    sizes = map(ctypes.c_int64, (len(u), len(points), len(packs), len(slope)))
+    arrays = (pointer(array) for array in (cells, points, u, slope, packs, found))
+    _inversion(cells.shape[1], mesh.dimension == 2).smallest(*sizes, *arrays)
+    return found
+
+
+@cache
+def _inversion(nodes: int, plane: bool) -> ctypes.CDLL:
+    source = (Path(__file__).parent / "inversion.cpp").read_text()
+    return compiled(f"#define NODES {nodes}\n#define PLANE {int(plane)}\n{source}", rounded=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from physics.inversion import smallest_det_f
+from physics.body.kernel import smallest_det_f
 from physics.mesh import quality
 from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh
