@@ -2,10 +2,16 @@
 
 A point x_q = sum_a w_qa x_a over the nodes of a facet stands for an area A_q of the rest surface.
 
+Facets of first order have points in rows, of second order at their nodes and between them on no common row: a round obstacle that
+rolls on goes from row to row of points in jumps, whose size is how far the rows are apart, and where more points than nodes lie in one
+row their forces are hardly unique. These staggered points are the same from whichever corner a facet is numbered.
+
 Legend: N nodes, Q points, F facets of k nodes, P points of one.
 """
 
 from __future__ import annotations
+
+from itertools import permutations
 
 import numpy as np
 import scipy.sparse
@@ -19,11 +25,13 @@ Floats = NDArray[np.float64]
 ROUNDING = 1e-12  # of a shape function
 
 
-def points_of(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
+def points_of(mesh: Mesh, divisions: int, *, staggered: bool = False) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
     """Point number, node and weight triplets, and areas, of the points of all facets, each facet divided along its edges."""
     rows, columns, values, areas, count = [], [], [], [], 0
     line, along = _simpson(divisions)
     rules = {4: _on_quadrilateral(divisions), 3: _on_triangle(divisions), 2: (line, along / (6 * divisions))}
+    if staggered:
+        rules |= {4: _staggered_on_quadrilateral(divisions), 3: _staggered_on_triangle(divisions)}
     for facets in mesh.boundary:
         kind = CELLS[kind_of(facets)]
         shape, share = rules[kind.corners]
@@ -75,13 +83,45 @@ def _on_triangle(divisions: int) -> tuple[Floats, Floats]:
     """Shape functions (P, 3) and shares of the area (P,): of each part corners (1/12) and middles of edges (1/4)."""
     ends = 2 * divisions
     share = np.zeros((ends + 1, ends + 1))
-    upright = [(2 * i, 2 * j, 1) for i in range(divisions) for j in range(divisions - i)]
-    upside_down = [(2 * i, 2 * j, -1) for i in range(1, divisions) for j in range(1, divisions - i + 1)]
-    for i, j, turn in (*upright, *upside_down):
+    for i, j, turn in _parts_of_triangle(divisions):
         for a, b, part in ((0, 0, 1), (2, 0, 1), (0, 2, 1), (1, 0, 3), (0, 1, 3), (1, 1, 3)):
-            share[i + turn * a, j + turn * b] += part / 12 / divisions**2
+            share[2 * i + turn * a, 2 * j + turn * b] += part / 12 / divisions**2
     s, t = np.argwhere(share > 0).T
     return np.stack([ends - s - t, s, t], axis=1) / ends, share[s, t]
+
+
+def _parts_of_triangle(divisions: int) -> list[tuple[int, int, int]]:
+    """Where each of its equal parts begins, in parts of an edge, and whether it stands upright (1) or upside down (-1)."""
+    upright = [(i, j, 1) for i in range(divisions) for j in range(divisions - i)]
+    return upright + [(i, j, -1) for i in range(1, divisions) for j in range(1, divisions - i + 1)]
+
+
+def _staggered_on_quadrilateral(divisions: int) -> tuple[Floats, Floats]:
+    """Shape functions (P, 4) and shares (P,) of staggered points: rows of nodes, and between them four rows a half, two points in each.
+
+    The shares are those that give polynomials of degree 3 in either coordinate their integrals, so that a pressure that is linear over
+    a flat facet of nine nodes gives its exact nodal forces.
+    """
+    between = np.array([(0.8, 0.4), (0.4, 0.8), (0.6, 0.2), (0.2, 0.6)])
+    within = np.concatenate([between * turn for turn in ((1, 1), (-1, 1), (1, -1), (-1, -1))])
+    corners, middles = np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)]), np.array([(1, 0), (-1, 0), (0, 1), (0, -1)])
+    both, one = float((between**2).prod(axis=1).mean()), float((between**2).mean())
+    corner = 1 / 9 - 0.75 * both  # of all four: what is missing to the mean of x^2 y^2, then to that of x^2
+    middle = 2 * (1 / 3 - 0.75 * one - corner)
+    share = np.repeat([0.75 / 16, corner / 4, middle / 4, 0.25 - corner - middle], [16, 4, 4, 1])
+    at = (np.concatenate([within, corners, middles, [(0, 0)]]) + 1) / 2
+    s, t = np.concatenate([(at + (i, j)) / divisions for i in range(divisions) for j in range(divisions)]).T
+    return np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=1), np.tile(share, divisions**2) / divisions**2
+
+
+def _staggered_on_triangle(divisions: int) -> tuple[Floats, Floats]:
+    """Shape functions (P, 3) and shares (P,) of staggered points: the nodes, and six within, exact for polynomials of degree 3."""
+    corners = np.eye(3)
+    at = np.concatenate([np.array(list(permutations((2, 3, 7)))) / 12, corners, (corners + np.roll(corners, 1, axis=0)) / 2])
+    share = np.repeat([4 / 35, 2 / 63, 23 / 315], [6, 3, 3])
+    parts = _parts_of_triangle(divisions)
+    st = np.concatenate([((i, j) + turn * at[:, 1:]) / divisions for i, j, turn in parts])
+    return np.column_stack([1 - st.sum(axis=1), st]), np.tile(share, len(parts)) / divisions**2
 
 
 def merged(weights: scipy.sparse.csr_matrix, area: Floats) -> tuple[scipy.sparse.csr_matrix, Floats]:
