@@ -31,7 +31,7 @@ def beam(order):
 
 
 def plate(order):
-    """Deflection in the middle of a strip plate, forty times as long as thick, held at both ends, over p L^4 / 384 E I + p L^2 / 8 k G A."""
+    """Deflection in the middle of a strip forty times as long as thick, held at both ends, over p L^4 / 384 E I + p L^2 / 8 k G A."""
     body = {"shape": "plate", "length": 0.4, "width": 0.1, "height": 0.01, "cells": [20, 4, 1]}
     found, said = bent(body, order, [{"where": "x-min"}, {"where": "x-max"}], {"where": "z-max", "traction": [0.0, 0.0, -1.0]})
     return found / (0.4**4 / (384 * 1e6 * 0.01**3 / 12) + 0.4**2 / (8 * 5 / 6 * 0.5e6 * 0.01)), said
