@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from physics import view
 from physics.equilibrium.newton import TOLERANCE
