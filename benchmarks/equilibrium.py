@@ -1,6 +1,7 @@
 """Time of one step of the equilibrium solver: ours against plain full Newton, where it goes, and its growth with the mesh.
 
     .venv/bin/python -m benchmarks.equilibrium                     the press scene, ours and plain in turn
+    .venv/bin/python -m benchmarks.equilibrium --second            the same in hexahedra of 27 nodes, 2025 nodes, both
     .venv/bin/python -m benchmarks.equilibrium --parts             each part of a step, and the machine's floor
     .venv/bin/python -m benchmarks.equilibrium --growth            1.5 k to 15 k nodes
     .venv/bin/python -m benchmarks.equilibrium --growth --large    60 k nodes as well
@@ -80,8 +81,7 @@ def plain(scene: Scene, steps: int) -> tuple[np.ndarray, int]:
     return np.array(frames), taken
 
 
-def versus(table: footing.Table, repeats: int, steps: int) -> None:
-    scene = press()
+def versus(table: footing.Table, scene: Scene, repeats: int, steps: int) -> None:
     ours(replace(scene, steps=Steps(count=4))), plain(scene, 1)  # compile
     times = []
     for _ in range(repeats):
@@ -160,6 +160,7 @@ def parts(table: footing.Table) -> None:
 
 def main() -> None:
     parser = footing.parser(__doc__)
+    parser.add_argument("--second", action="store_true", help="cells of second order")
     parser.add_argument("--parts", action="store_true")
     parser.add_argument("--growth", action="store_true")
     parser.add_argument("--large", action="store_true", help="60 k nodes as well")
@@ -172,7 +173,8 @@ def main() -> None:
     elif options.parts:
         parts(table)
     else:
-        versus(table, options.repeats, options.plain_steps)
+        scene = press((40, 2, 2), cell="hexahedron", order=2) if options.second else press()
+        versus(table, scene, options.repeats, options.plain_steps)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ NUMBER = re.compile(r"[-+]?\d[\d.e+-]*( \S+){0,2}|–")
 T = TypeVar("T")
 
 
-def press(cells: Sequence[int] = (40, 5, 5), steps: int = 400, *, heights: Sequence[float] = (0.03, 0.0), **body: str) -> Scene:
+def press(cells: Sequence[int] = (40, 5, 5), steps: int = 400, *, heights: Sequence[float] = (0.03, 0.0), **body: Any) -> Scene:
     """A beam that is clamped at one end, and near the other a cylinder that goes down on it; 1476 nodes.
 
     Args:

@@ -1,6 +1,6 @@
-"""A plate of second-order tetrahedra solved here and by other programs, on the same mesh: displacements, reaction, time.
+"""Bodies of second-order tetrahedra solved here and by other programs, on the same mesh: displacements, reaction, time.
 
-    .venv/bin/python -m benchmarks.plate                          bent, by CalculiX (apt-get install calculix-ccx)
+    .venv/bin/python -m benchmarks.plate                          a plate bent and a bar turned, by CalculiX (apt-get install calculix-ccx)
     .venv/bin/python -m benchmarks.plate --ngsolve PYTHON         pressed by a sphere, by NGSolve, whose interpreter that is, and by
                                                                   plain Newton with dolfinx
 
@@ -54,6 +54,13 @@ def bent(size: float) -> Scene:
     return scene_of(size, "saint-venant-kirchhoff", 10, support=[{"where": "edge-4"}, {"where": "edge-2", "displacement": list(MOVE)}])
 
 
+def turned(cells: int) -> Scene:
+    body = {"length": 0.1, "width": 0.02, "height": 0.02, "cells": [5 * cells, cells, cells], "cell": "tetrahedron", "order": 2}
+    return read_scene({"name": "bar", "body": body, "steps": {"count": 10},
+                       "material": {"law": "saint-venant-kirchhoff", "young_modulus": YOUNG, "poisson_ratio": POISSON},
+                       "support": [{"where": "x-min"}, {"where": "x-max", "axis": [0.0, 1.0, 0.0], "angle": 45.0}]})
+
+
 def pressed(size: float) -> Scene:
     path = [[*CENTRE, 0.012 + RADIUS + 1e-6 - down] for down in (0.0, DEPTH)]
     return scene_of(size, "neo-hookean", 30, obstacle={"shape": "sphere", "radius": RADIUS, "path": path})
@@ -76,25 +83,25 @@ def spent(words: list[str], folder: str) -> tuple[float, str]:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done.stdout
 
 
-def deck(mesh: Mesh, steps: int) -> str:
-    """CalculiX's input; both number the nodes of such a cell in the same order."""
+def deck(mesh: Mesh, held: np.ndarray, moved: np.ndarray, far: np.ndarray, steps: int) -> str:
+    """CalculiX's input, the moved nodes led to displacements (n, 3); both number the nodes of such a cell in the same order."""
     def rows(numbers: Any) -> str:
         return "".join(", ".join(map(str, row)) + "\n" for row in numbers)
 
     nodes = rows([i + 1, *map(repr, map(float, x))] for i, x in enumerate(mesh.points))
     cells = rows([i + 1, *cell] for i, cell in enumerate((mesh.cells + 1).tolist()))
-    held, moved = (rows([node + 1] for node in mesh.place(edge).tolist()) for edge in ("edge-4", "edge-2"))
-    motion = "".join(f"MOVED, {i + 1}, {i + 1}, {far!r}\n" for i, far in enumerate(MOVE))
-    return (f"*NODE, NSET=ALL\n{nodes}*ELEMENT, TYPE=C3D10, ELSET=BODY\n{cells}*NSET, NSET=HELD\n{held}*NSET, NSET=MOVED\n{moved}"
+    sets = [rows([node + 1] for node in those.tolist()) for those in (held, moved)]
+    motion = "".join(f"{node + 1}, {i + 1}, {i + 1}, {u[i]:.12e}\n" for node, u in zip(moved, far, strict=True) for i in range(3))
+    return (f"*NODE, NSET=ALL\n{nodes}*ELEMENT, TYPE=C3D10, ELSET=BODY\n{cells}*NSET, NSET=HELD\n{sets[0]}*NSET, NSET=MOVED\n{sets[1]}"
             f"*MATERIAL, NAME=SOFT\n*ELASTIC\n{YOUNG}, {POISSON}\n*SOLID SECTION, ELSET=BODY, MATERIAL=SOFT\n"
             f"*STEP, NLGEOM, INC=1000\n*STATIC, DIRECT\n{1 / steps}, 1.0\n*BOUNDARY\nHELD, 1, 3\n{motion}"
             f"*NODE PRINT, NSET=ALL, FREQUENCY=1000\nU\n*NODE PRINT, NSET=MOVED, FREQUENCY=1000, TOTALS=ONLY\nRF\n*END STEP\n")
 
 
-def calculix(mesh: Mesh, steps: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Displacements (N, 3) and the force (3,) on the moved edge at the last step, and processor seconds."""
+def calculix(mesh: Mesh, *told_of: Any) -> tuple[np.ndarray, np.ndarray, float]:
+    """Displacements (N, 3) and the force (3,) on the moved nodes at the last step, and processor seconds, of what `deck` takes."""
     with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "plate.inp").write_text(deck(mesh, steps))
+        Path(folder, "plate.inp").write_text(deck(mesh, *told_of))
         seconds, _ = spent(["ccx", "plate"], folder)
         told = Path(folder, "plate.dat").read_text()
     displacements, forces = re.split(r" total force", told)
@@ -114,16 +121,17 @@ def row(mesh: Mesh, of: str, u: np.ndarray, reaction: np.ndarray, ms: float, our
 
 
 def against_calculix(table: footing.Table, sizes: list[float]) -> None:
-    for size in sizes:
-        scene = bent(size)
+    solved(bent(0.05))  # compile
+    scenes = [("plate, bent", bent(size), "edge-4", "edge-2") for size in sizes]
+    for name, scene, held, moved in [*scenes, ("bar, its end turned", turned(2), "x-min", "x-max"),
+                                     ("bar, its end turned", turned(3), "x-min", "x-max")]:
         mesh, steps = build_mesh(scene.body), scene.steps.count
-        solved(bent(0.05))  # compile
         seconds, solution = cost(solved, scene)
-        u = solution.displacement[-1]
-        force = Balance(scene, mesh).elasticity.force(u)[mesh.place("edge-2")].sum(axis=0)
-        table.add(row(mesh, "this one", u, force, 1e3 * seconds / steps, (u, force)))
-        other, reaction, seconds = calculix(mesh, steps)
-        table.add(row(mesh, "CalculiX, C3D10", other, reaction, 1e3 * seconds / steps, (u, force)))
+        u, there = solution.displacement[-1], mesh.place(moved)
+        force = Balance(scene, mesh).elasticity.force(u)[there].sum(axis=0)
+        table.add({"scene": name} | row(mesh, "this one", u, force, 1e3 * seconds / steps, (u, force)))
+        other, reaction, seconds = calculix(mesh, mesh.place(held), there, u[there], steps)
+        table.add({"scene": name} | row(mesh, "CalculiX, C3D10", other, reaction, 1e3 * seconds / steps, (u, force)))
 
 
 def against_ngsolve(table: footing.Table, python: str, sizes: list[float]) -> None:

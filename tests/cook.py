@@ -15,6 +15,11 @@ INCOMPRESSIBLE = {"young_modulus": 9 * BULK * SHEAR / (3 * BULK + SHEAR),
 
 def cooks_membrane(across, shear, material, **body):
     """Deflections of the nodes in the upper right corner in plane strain, one cell thick, of hexahedra unless told otherwise."""
+    return loaded(across, shear, material, **body)[2]
+
+
+def loaded(across, shear, material, **body):
+    """The same, after the scene and its solution."""
     scene = beam(
         body={"length": 1.0, "width": 1.0, "height": 1.0, "cells": [across, across, 1], "cell": "hexahedron"} | body,
         material=material, steps={"count": 10},
@@ -23,4 +28,4 @@ def cooks_membrane(across, shear, material, **body):
     square = build_mesh(scene.body)
     x, y, z = square.points.T
     solution = solve(scene, mesh=replace(square, points=np.stack([48 * x, 44 * x + y * (44 - 28 * x), z], axis=1)))
-    return solution.displacement[-1][(x == 1) & (y == 1), 1]
+    return scene, solution, solution.displacement[-1][(x == 1) & (y == 1), 1]

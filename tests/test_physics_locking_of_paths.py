@@ -77,6 +77,17 @@ def test_of_second_order_bodies_nearly_incompressible_ones_are_told_of(monkeypat
     assert at(0.499, energy=(0.0, 1e-30)) == (words[0].format(0.499),)
 
 
+def test_of_first_order_solid_ones_are_told_of_where_strain_does_not_jump(monkeypatch):
+    nearly = replace(SOFT, poisson_ratio=0.49)
+    words = "Poisson's ratio is 0.49: cells of first order resist too stiffly; take {}body.element = \"mean-dilatation\""
+    for cell, order in (("prism", ""), ("hexahedron", ""), ("tetrahedron", "body.order = 2 and ")):
+        assert told(monkeypatch, 0.0, scene(cell, nearly))[0] == (words.format(order),)
+        assert told(monkeypatch, 0.0, scene(cell, replace(SOFT, poisson_ratio=0.489)))[0] == ()
+    assert told(monkeypatch, 0.0, scene("prism", nearly, element="mean-dilatation"))[0] == ()
+    assert told(monkeypatch, 0.0, scene("triangle", nearly))[0] == ()
+    assert "at step 1" in told(monkeypatch, 0.5, scene("prism", nearly))[0][0]
+
+
 def test_bodies_that_cannot_lock_or_for_which_there_is_no_measure_are_passed_over(monkeypatch):
     stiff = Orthotropic(young_moduli=(1.0, 1.0, 1.0), poisson_ratios=(0.1, 0.1, 0.1), shear_moduli=(1.0, 1.0, 1.0))
     for given in (scene("prism", element="reduced"), scene(material=replace(SOFT, orthotropic=stiff)),

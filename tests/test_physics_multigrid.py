@@ -29,7 +29,9 @@ ROOT = Path(__file__).parent.parent
             steps={"count": 8}),
     beam(load=[{"where": "x-max", "traction": [0.0, 0.0, -1e4]}], steps={"count": 4}),
     beam(support=[{"where": "x-min"}, {"where": "x-max", "fixed": "z", "displacement": [0.0, 0.0, -0.01]}], steps={"count": 4}),
-], ids=["cylinder", "capsule", "traction", "displacement"])
+    pressed(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [6, 1, 1], "cell": "tetrahedron", "order": 2}, steps={"count": 2},
+            obstacle={"shape": "cylinder", "radius": 0.01, "path": [[0.05, 0.01, 0.0301], [0.05, 0.01, 0.028]]}),
+], ids=["cylinder", "capsule", "traction", "displacement", "second order"])
 def test_both_ways_find_the_same_equilibria(scene):
     direct, iterated = solve(scene, method="direct"), solve(scene, method="multigrid")
     assert not direct.failure and not iterated.failure

@@ -17,7 +17,7 @@ from physics.mesh.mesh import Mesh
 from physics.scene import Material, Materials, Scene
 
 Floats = NDArray[np.float64]
-INCOMPRESSIBLE = 0.49  # Poisson's ratio from which second-order cells of standard sampling are told of
+INCOMPRESSIBLE = 0.49  # Poisson's ratio from which cells of standard sampling are told of
 TOLD = 0.05  # of a frequency, which is 10 % of the stiffness
 CHUNK = 20_000  # cells at once
 RIGID = 1e-7  # strain over displacement by extent, below which a body is not strained; in the thinnest beam that bends it is 1e-4
@@ -42,21 +42,30 @@ def said_of_path(scene: Scene, mesh: Mesh, displacement: Floats, energy: Floats,
         displacement, energy: (T, N, 3) and (T,) of a path; linear: how many of its first steps solved linear elasticity
     """
     step = int(np.argmax(energy))
-    if energy[step] > 0 and scene.body.order == 2 and scene.body.element == "standard":
-        largest = max(material.poisson_ratio for material in scene.materials)
-        return () if largest < INCOMPRESSIBLE else (f"Poisson's ratio is {largest:g}: coarse cells resist too stiffly even so; "
-                                                    'take body.element = "mean-dilatation"',)
-    if not energy[step] > 0 or not _may_lock(scene):
+    if not energy[step] > 0:
+        return ()
+    if scene.body.order == 2:
+        return _said_of_volume(scene, mesh, "coarse cells resist too stiffly even so")
+    if not _may_lock(scene):
         return ()
     finite = not scene.linear and step > linear
     stiff = too_stiff(mesh, displacement[step], scene.material, scene.body.element, finite=finite)
     if (1 + stiff) ** 0.5 - 1 < TOLD:
-        return ()
+        return _said_of_volume(scene, mesh, "cells of first order resist too stiffly")
     reduced = mesh.cell == "prism" and scene.body.shape == "beam" and scene.body.extent[0] >= max(scene.body.extent[1:])
     second = "tetrahedra or hexahedra of order 2" if mesh.cell == "prism" else "body.order = 2"
     other = (', or body.element = "reduced"' if reduced else "") + (f", or {second}" if mesh.dimension == 3 else "")
     return (f"cells of first order resist too stiffly here: at step {step} the body by about {100 * stiff:.0f} %, so it moves too little "
             f"or pushes back too hard; take smaller cells{other}",)
+
+
+def _said_of_volume(scene: Scene, mesh: Mesh, what: str) -> tuple[str, ...]:
+    """A remark on solid cells that keep their volume at too many points, near a Poisson ratio of 1/2; strain need not jump for that."""
+    largest = max(material.poisson_ratio for material in scene.materials)
+    if mesh.dimension == 2 or scene.body.element != "standard" or largest < INCOMPRESSIBLE:
+        return ()
+    order = "body.order = 2 and " if mesh.cell == "tetrahedron" else ""
+    return (f"Poisson's ratio is {largest:g}: {what}; take {order}body.element = \"mean-dilatation\"",)
 
 
 def too_high(mesh: Mesh, shape: Floats, material: Materials, element: str = "standard") -> float:
