@@ -24,7 +24,7 @@ from physics.schema import InputError, read_table
 @dataclass(frozen=True)
 class Scales:
     """pose (2, A): mean and standard deviation of features; answer (r,): root mean square of amounts over depth; low, high (A,): range of
-    the training's features; degrees (M, 3), shapes (r, M, 3): as in shapes.py; bar (1,): by how much the expected error is multiplied
+    the training's features; degrees (M, 4), shapes (r, M, 3): as in shapes.py; bar (1,): by how much the expected error is multiplied
     for an error bar."""
 
     pose: Tensor
@@ -78,5 +78,7 @@ def load_bodies(run: str | Path, name: str = "model") -> Bodies:
         network = Shapes(config.network, scales.pose.shape[1], len(scales.shapes))
     except KeyError as error:
         raise InputError(f"{path}: not a whole checkpoint: {error}") from None
+    if scales.degrees.shape != (scales.shapes.shape[1], 4):
+        raise InputError(f"{path}: was trained by an earlier version, in other functions: train it anew")
     put_into(network, under("weights.", tensors), path)
     return Bodies(config, network.eval(), scales, str(run))
