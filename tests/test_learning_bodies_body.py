@@ -71,8 +71,8 @@ def test_a_hole_shows_in_what_is_told_of_the_body():
 
 
 @pytest.mark.parametrize("body, support", [
-    (PLATE | {"cells": [9, 7, 3]}, "x-min"), (PLATE | {"cell": "tetrahedron"}, "x-min"), (PLATE | {"cell": "prism", "cells": [4, 4, 1]}, "x-min"),
-    (PANEL, "edge-4"), (PANEL | {"cell": "tetrahedron"}, "edge-4")])
+    (PLATE | {"cells": [9, 7, 3]}, "x-min"), (PLATE | {"cell": "tetrahedron"}, "x-min"),
+    (PLATE | {"cell": "prism", "cells": [4, 4, 1]}, "x-min"), (PANEL, "edge-4"), (PANEL | {"cell": "tetrahedron"}, "edge-4")])
 def test_what_is_told_of_a_body_and_of_what_is_held_does_not_depend_on_its_cells(body, support):
     expected, found = seen().shown(np.ones(1))[0], seen(body=body, support=[{"where": support}]).shown(np.ones(1))[0]
     assert found[:, 6:] == pytest.approx(expected[:, 6:], abs=1e-9)

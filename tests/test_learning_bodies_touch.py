@@ -59,8 +59,8 @@ def test_principal_combinations_count_by_what_functions_do():
 
 
 def test_shapes_about_the_touch_tell_what_those_of_the_box_leave_over():
-    """Two functions of the box and one about the touch, of a product of 1/2 with the first: u is 3 of the first and 0.1 of the last. One shape
-    of the box has all but what of the last is at right angles to it, and the one about the touch has the rest."""
+    """Two functions of the box and one about the touch, of a product of 1/2 with the first: u is 3 of the first and 0.1 of the last. One
+    shape of the box has all but what of the last is at right angles to it, and the one about the touch has the rest."""
     products = np.array([[1.0, 0, 0.5], [0, 1, 0], [0.5, 0, 1]])
     amounts = np.zeros((1, 3, 3))
     amounts[0, 0, 2], amounts[0, 2, 2] = 3.0, 0.1
