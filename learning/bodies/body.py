@@ -163,6 +163,13 @@ class Body:
         return np.asarray(np.column_stack([np.ones(len(x)), x, products[:, *np.triu_indices(3)]]).T @ weight)
 
 
+def shown_signs(axis: int) -> Floats:
+    """(A,) what a mirror normal to an axis makes of features, as factors."""
+    one = np.where(np.arange(3) == axis, -1.0, 1.0)
+    two = np.outer(one, one)[np.triu_indices(3)]
+    return np.concatenate([one, np.ones(3 + 6 + len(KINDS) + 7), two, one, np.tile(np.concatenate([[1.0], one, two]), 4)])
+
+
 def see(scene: Scene, mesh: Mesh) -> Body:
     """The body of a scene. Raises `InputError` in one line for a scene that is not of this kind, saying what it would have to be."""
     obstacle = scene.obstacles[0] if scene.obstacles else None
