@@ -59,16 +59,16 @@ def test_principal_combinations_count_by_what_functions_do():
 
 
 def test_shapes_about_the_touch_tell_what_those_of_the_box_leave_over():
-    """Two functions of the box and one about the touch, of a product of 1/2 with the first: u is 3 of the first and 0.1 of the last. One
-    shape of the box has all but what of the last is at right angles to it, and the one about the touch has the rest."""
-    products = np.array([[1.0, 0, 0.5], [0, 1, 0], [0.5, 0, 1]])
+    """One function of the box and two about the touch, the first of which has a product of 1/2 with that of the box: u is 3 of the box and
+    0.1 of the last, which is what is left over, though the other moves more with u."""
+    products = np.array([[1.0, 0.5, 0], [0.5, 1, 0], [0, 0, 1]])
     amounts = np.zeros((1, 3, 3))
     amounts[0, 0, 2], amounts[0, 2, 2] = 3.0, 0.1
     moments = np.einsum("mn,tnk->tmk", products, amounts)
+    assert moments[0, 1, 2] > 10 * moments[0, 2, 2]
     square = np.einsum("tmk,tmk->t", amounts, moments)
-    smooth = np.zeros((1, 2, 3))
-    smooth[0, 0, 2] = 3.05  # by least squares, 3 + 0.1 / 2
-    found = shapes_of([Fitted(np.zeros((1, 1)), np.ones(1), smooth, products, moments, square)], 1, 1)
+    found = shapes_of([Fitted(np.zeros((1, 1)), np.ones(1), amounts[:, :1], products, moments, square)], 1, 1)
     assert np.allclose(abs(found[0]), [[0, 0, 1], [0, 0, 0], [0, 0, 0]], atol=1e-9)
-    assert np.allclose(abs(found[1]), [[0, 0, 0], [0, 0, 0], [0, 0, 1]], atol=1e-9) and found.shape == (2, 3, 3)
-    assert shapes_of([Fitted(np.zeros((1, 1)), np.ones(1), smooth, products[:2, :2], moments[:, :2], square)], 1, 0).shape == (1, 2, 3)
+    assert np.allclose(abs(found[1]), [[0, 0, 0], [0, 0, 0], [0, 0, 1]], atol=1e-6) and found.shape == (2, 3, 3)
+    alone = Fitted(np.zeros((1, 1)), np.ones(1), amounts[:, :1], products[:1, :1], moments[:, :1], square)
+    assert shapes_of([alone], 1, 0).shape == (1, 1, 3)

@@ -153,7 +153,7 @@ def sample_of(one: Fitted, shapes: Floats) -> Sample:
 @dataclass(frozen=True)
 class Table:
     """Samples one after another: feature (P, A), depth, owner, weight (P,), best (P, r), gram (samples, r, r); a weight is 1 over the
-    motion of its trajectory, their mean 1."""
+    square of the motion of its trajectory, so that relative errors count alike, their mean 1."""
 
     feature: Tensor
     depth: Tensor
@@ -166,7 +166,7 @@ class Table:
 def table_of(samples: Sequence[Sample]) -> Table:
     """All of them in one."""
     owner = torch.cat([torch.full((len(s.depth),), i) for i, s in enumerate(samples)])
-    weight = torch.tensor([1 / s.motion for s in samples])[owner]
+    weight = torch.tensor([s.motion**-2 for s in samples])[owner]
     return Table(torch.cat([s.feature for s in samples]), torch.cat([s.depth for s in samples]), torch.cat([s.best for s in samples]),
                  torch.stack([s.gram for s in samples]), owner, weight / weight.mean())
 
