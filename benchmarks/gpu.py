@@ -45,8 +45,8 @@ from learning.networks.blocks import PRECISIONS, products
 from learning.networks.kinds import CONFIGS
 from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.rollout import rollout_error
+from learning.processes import Processes
 from learning.samples.samples import Example, build_example, load_examples, sample
-from learning.training.processes import Processes
 from learning.training.run import set_up
 from learning.training.train import take_step, train
 from physics.keys import table

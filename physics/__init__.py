@@ -11,6 +11,7 @@ A room imports what stands above it in this list, never below:
     mesh/           what the body's mesh is, where its places are, whether it is sound
     fem             the only file that knows which dolfinx is installed
     linalg/         how K x = b and K x = lambda M x are solved
+    inversion       whether cells are turned inside out along a path
     body/           what energy and forces a deformed body has
     contact/        where the obstacle is, and what it does to the body
     equilibrium/    one equilibrium, and a path of them

@@ -18,6 +18,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_type_hints
@@ -135,16 +136,20 @@ class Journal:
         self._write(MAGIC)
         self._append({"identity": np.array(identity)})
 
-    def add(self, frame: Arrays, memory: Arrays) -> None:
-        """Keep one more frame, and the solver's memory after it; written when `EVERY` seconds have passed since the last time."""
+    def add(self, frame: Arrays, memory: Callable[[], Arrays]) -> None:
+        """Keep one more frame; written when `EVERY` seconds have passed since the last time.
+
+        memory: gives what the solver remembers after it, and is asked when that is written
+        """
         self._waiting.append(frame)
-        self.memory = memory
+        self._remembered = memory
         if time.monotonic() - self._saved >= EVERY:
             self.save()
 
     def save(self) -> None:
         """Write what has not been written yet."""
         if self._waiting:
+            self.memory = self._remembered()
             if self._useless > self._useful + WASTE:
                 self._forget()
             frames = {name: np.stack([np.asarray(waiting[name]) for waiting in self._waiting]) for name in self._waiting[0]}
@@ -240,7 +245,7 @@ def follow(count: int, go: Callable[[int], dict[str, Any]], memory: Callable[[],
                 failed = number, error
                 break
             if kept is not None:
-                kept.add(frames[-1], flatten(memory()) | {"seconds": np.array(spent + time.perf_counter() - started)})
+                kept.add(frames[-1], partial(_after, memory(), spent + time.perf_counter() - started))
             if on_step is not None and number:
                 on_step(number)
         if kept is not None:
@@ -250,6 +255,10 @@ def follow(count: int, go: Callable[[int], dict[str, Any]], memory: Callable[[],
             kept.close()
     rows = {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
     return Followed(rows, spent + time.perf_counter() - started, resumed, failed)
+
+
+def _after(memory: Any, seconds: float) -> Arrays:
+    return flatten(memory) | {"seconds": np.array(seconds)}
 
 
 def _next(file: io.FileIO) -> Arrays | None:

@@ -22,10 +22,10 @@ from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE
 from physics.equilibrium.state import NoEquilibrium
+from physics.inversion import smallest_det_f
 from physics.journal import digest_of, follow, unflatten
 from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh
-from physics.mesh.quality import smallest_det_f
 from physics.mesh.sound.folded import folded
 from physics.modes.locking import said_of_path
 from physics.motion.dynamics import Motion
@@ -68,7 +68,7 @@ class Solution:
     @cached_property
     def smallest_det_f(self) -> Floats:
         """(T,) smallest det F of all cells, as in `mesh.quality.det_f`."""
-        return smallest_det_f(self.mesh.points, self.displacement, self.mesh.cells, self.mesh.cell)
+        return smallest_det_f(self.mesh, self.displacement)
 
     def stiff(self, scene: Scene) -> tuple[str, ...]:
         """A remark when the cells of its scene are much too stiff for what it does (modes/locking.py)."""
@@ -77,7 +77,8 @@ class Solution:
 
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
           journal: str | Path | None = None, tolerance: float = TOLERANCE, method: str | None = None,
-          spread: bool = False, final: bool = False, partial: bool = False, small_strain: float = LINEAR_TOLERANCE) -> Solution:
+          spread: bool = False, final: bool = False, partial: bool = False, small_strain: float = LINEAR_TOLERANCE,
+          snaps: bool = True) -> Solution:
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
@@ -91,6 +92,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         final: only the end of the loading counts: in as few equal steps as lead there without a snap, FEWEST or more. Of several
             states in which the body could rest there, a path of small steps decides
         small_strain: error over the largest displacement that linear elasticity may make in place of finite strain
+        snaps: whether the path goes on where the body snaps through or slips off; otherwise it cannot be followed beyond
         partial: give what was reached of a path that cannot be followed to its end, and why in `failure`, in place of raising
 
     Returns:
@@ -104,10 +106,10 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     """
     if final:
         return _final(scene, mesh=mesh, on_step=on_step, journal=journal, tolerance=tolerance, method=method, spread=spread,
-                      partial=partial, small_strain=small_strain)
+                      partial=partial, small_strain=small_strain, snaps=snaps)
     started, processor = time.perf_counter(), time.process_time()
     mesh = of_order(mesh or build_mesh(scene.body), scene.body)
-    path = _way(scene, mesh, tolerance, method, spread, small_strain)
+    path = _way(scene, mesh, tolerance, method, spread, small_strain, snaps)
     set_up = time.process_time() - processor
     limits = f" to {tolerance}" * (tolerance != TOLERANCE) + f" linear to {small_strain}" * (small_strain != LINEAR_TOLERANCE)
 
@@ -142,9 +144,10 @@ def _final(scene: Scene, *, partial: bool, **how: Any) -> Solution:
         count = min(4 * count, most)
 
 
-def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread: bool, small_strain: float) -> LoadPath | Motion:
+def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread: bool, small_strain: float,
+         snaps: bool) -> LoadPath | Motion:
     if not scene.steps.dynamic:
-        return LoadPath(scene, mesh, tolerance=tolerance, method=method, spread=spread, small_strain=small_strain)
+        return LoadPath(scene, mesh, tolerance=tolerance, method=method, spread=spread, small_strain=small_strain, snaps=snaps)
     if spread:
         raise InputError("steps.dynamic = true: motion in time runs as one process")
     return Motion(scene, mesh, tolerance=tolerance)

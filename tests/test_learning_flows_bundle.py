@@ -1,4 +1,4 @@
-"""Several frames of a flow told at once, and frames that a network's own predictions lead to: laid out by hand on five nodes."""
+"""Several frames of a flow told at once: laid out by hand on five nodes."""
 
 import numpy as np
 import pytest
@@ -8,11 +8,10 @@ from datagen.files.trajectory import write_trajectory
 from learning.config import Outputs, TrainConfig
 from learning.graphs.layout import layout_of
 from learning.networks.rivals.gcn import GCNConfig
-from learning.prediction.checkpoint import Model, load_model
-from learning.prediction.rollout import predict_step, pushed, rollout
+from learning.prediction.checkpoint import Model
+from learning.prediction.rollout import predict_step, rollout
 from learning.samples.samples import all_frames, build_example, fit_normaliser, load_examples, sample
 from learning.samples.scales import INPUTS, Normaliser
-from learning.training.train import draw, train
 from physics.schema import InputError
 from tests.five_nodes import square_flow, tiny
 
@@ -78,40 +77,3 @@ def test_a_rollout_goes_on_from_the_last_of_the_frames_told_at_once():
 def test_a_single_step_is_the_first_of_the_frames_told_at_once():
     truth = square_flow()
     np.testing.assert_array_equal(predict_step(model(truth), truth)[3, 4, :2], truth.fields["velocity"][3, 4, :2] + [1, 2])
-
-
-def test_a_pushed_frame_is_what_predictions_lead_to_from_the_frames_before():
-    truth = square_flow()
-    example = build_example(truth, CONFIG)
-    true = example.states.astype(float)
-    for frame, steps, start, change in ((5, 0, 5, 0), (5, 1, 2, 3), (7, 2, 1, 6), (5, 2, 2, 3), (3, 1, 3, 0)):  # as many as fit
-        found = pushed(model(truth), example, frame, steps)
-        np.testing.assert_allclose(found[FREE], true[start, FREE] + [change, 2 * change], rtol=1e-6)
-        np.testing.assert_array_equal(found[[0, 1, 3]], true[frame, [0, 1, 3]])
-
-
-def test_a_batch_shows_pushed_frames_and_asks_for_the_true_ones_after_them():
-    config = TrainConfig(bundle=3, pushed=1, noise=0.0, batch_size=64, outputs=CONFIG.outputs, network=CONFIG.network)
-    truth = square_flow()
-    example = build_example(truth, config, targets=np.array([6]))  # frame 5 is shown, frame 2 leads to it
-    batch = draw([example], all_frames([example]), None, config, torch.Generator().manual_seed(0), model(truth, config))
-    seen = {tuple(graph.node[4, -2:].tolist()): target[4, :2].tolist() for graph, target, _ in batch}
-    assert seen == {(25 / 16, 20 / 16): [11 / 16, 4 / 16], (4 / 16 + 3, 8 / 16 + 6): [36 / 16 - 4 / 16 - 3, 24 / 16 - 8 / 16 - 6]}
-    plain = draw([example], all_frames([example]), None, CONFIG, torch.Generator().manual_seed(0), model(truth))
-    assert {tuple(graph.node[4, -2:].tolist()) for graph, _, _ in plain} == {(25 / 16, 20 / 16)}
-
-
-def test_a_training_on_pushed_frames_stopped_and_gone_on_with_comes_to_the_same_weights(tmp_path):
-    write_trajectory(tmp_path / "0000.vtkhdf", square_flow())
-    config = TrainConfig(bundle=2, pushed=2, noise=0.01, batch_size=2, steps=6, validate_every=3, network=CONFIG.network)
-    train(config, [tmp_path / "0000.vtkhdf"], [tmp_path / "0000.vtkhdf"], tmp_path / "whole")
-    train(config, [tmp_path / "0000.vtkhdf"], [tmp_path / "0000.vtkhdf"], tmp_path / "cut", steps=3)
-    train(config, [tmp_path / "0000.vtkhdf"], [tmp_path / "0000.vtkhdf"], tmp_path / "cut", resume=True)
-    whole, cut = (load_model(tmp_path / name) for name in ("whole", "cut"))
-    assert all(torch.equal(a, b) for a, b in zip(whole.network.parameters(), cut.network.parameters(), strict=True))
-    assert whole.normaliser.layout.bundle == 2
-
-
-def test_frames_of_bodies_are_not_pushed():
-    with pytest.raises(InputError, match="pushed = 2: is of flows"):
-        build_example(tiny(), TrainConfig(pushed=2, network=GCNConfig()))

@@ -6,10 +6,10 @@ import pytest
 import torch
 from torch import nn
 
+from learning import processes as module
 from learning.config import TrainConfig
 from learning.prediction import memory
-from learning.training import processes as module
-from learning.training.processes import Processes, processes
+from learning.processes import Processes, processes
 from physics.schema import InputError
 
 

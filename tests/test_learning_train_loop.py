@@ -14,10 +14,10 @@ from datagen.files.trajectory import write_trajectory
 from learning.config import TrainConfig
 from learning.networks.m4gn import M4GN, M4GNConfig
 from learning.prediction.checkpoint import load_model, read_checkpoint
+from learning.processes import Processes
 from learning.samples.estimate import Estimate
 from learning.samples.samples import all_frames, build_example, fit_normaliser, sample
 from learning.training import train as module
-from learning.training.processes import Processes
 from learning.training.train import draw, learning_rate, progress, take_step, train
 from physics.schema import InputError
 from tests.synthetic import bending

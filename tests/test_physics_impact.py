@@ -5,8 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from physics.contact.conditions import Contact, ContactSurface
+from physics.contact.conditions import ContactSurface
 from physics.contact.obstacles import Rigid
+from physics.contact.touch import Contact
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.motion.impact import Sweeping, bear
@@ -75,7 +76,7 @@ def test_a_point_that_does_not_move_has_the_normal_where_it_is():
     contact = Sweeping(on_nodes(tiny, mesh=mesh))
     contact.begin(before - rest, nowhere)
     zone = contact.zone(after - rest, nowhere, np.inf)
-    zone._rest = np.zeros_like(rest)  # numbers so small would be lost in those of the rest places
+    zone._rest[:] = 0  # numbers so small would be lost in those of the rest places
     zone._rest[3] = [0, -10.0, 0]
     contact.begin(before - zone._rest, nowhere)
     _, normal = zone.gaps(after - zone._rest, nowhere)

@@ -1,4 +1,4 @@
-"""The loops over cells: sums over sample points, nodes and cells in plain loops, whatever does not fill a pack of eight."""
+"""The loops over cells: sums over sample points, nodes and cells in plain loops, whatever does not fill a pack."""
 
 import numpy as np
 import pytest
@@ -61,13 +61,14 @@ def test_sums_over_points_nodes_and_cells(count):
         kernel.add_stiffness(u, LAME, slot[:, :170], out)
 
 
-def test_packs_hold_eight_cells_side_by_side_gradients_first_then_the_volume():
+@pytest.mark.parametrize("lanes", [8, 4, 2])
+def test_packs_hold_cells_side_by_side_gradients_first_then_the_volume(lanes):
     count, points, n = 11, 2, 4
     gradients = np.arange(points * count * n * 3, dtype=float).reshape(points, count, n, 3)
     volumes = 1000.0 + np.arange(points * count).reshape(points, count)
-    packs = _packs(Samples(gradients, volumes, np.ones((2, 2))))
-    assert packs.shape == (2, 2, 13, 8) and packs.ctypes.data % 64 == 0
-    for c in range(16):
+    packs = _packs(Samples(gradients, volumes, np.ones((2, 2))), lanes)
+    assert packs.shape == (-(-count // lanes), 2, 13, lanes) and packs.ctypes.data % 64 == 0
+    for c in range(len(packs) * lanes):
         for p in range(points):
             expected = [*gradients[p, c].ravel(), volumes[p, c]] if c < count else [0] * 13
-            assert packs[c // 8, p, :, c % 8].tolist() == expected
+            assert packs[c // lanes, p, :, c % lanes].tolist() == expected

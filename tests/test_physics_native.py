@@ -63,3 +63,10 @@ def test_the_address_is_that_of_the_numbers_which_lie_one_after_another():
     assert ctypes.cast(pointer(x), ctypes.POINTER(ctypes.c_double))[4] == 4.0
     with pytest.raises(AssertionError):
         pointer(x.T)
+
+
+def test_products_and_sums_are_rounded_each_by_itself_on_request(folder):
+    """(1 + e) (1 - e) - 1 for e = 2^-30: the product rounds to 1, and without that -e^2 would be left."""
+    library = compiled('extern "C" double f(double a, double b, double c) { return a * b + c; }', rounded=True)
+    library.f.restype, library.f.argtypes = ctypes.c_double, 3 * [ctypes.c_double]
+    assert library.f(1 + 2**-30, 1 - 2**-30, -1.0) == 0.0

@@ -14,6 +14,8 @@ from physics.equilibrium.path import LoadPath
 from physics.equilibrium.snap import Relaxation
 from physics.equilibrium.state import NoEquilibrium, State
 from physics.mesh.build import build_mesh
+from physics.scene import Steps
+from physics.solution import solve
 from tests.scenes import arch, beam
 
 BLOCK = {"length": 0.02, "width": 0.03, "height": 0.04, "cells": [1, 2, 1], "cell": "hexahedron"}
@@ -237,3 +239,14 @@ def test_a_path_goes_on_from_the_snap():
     (_, _, (state, moved, released)), = told
     assert path.snap == moved and path.released == released
     assert any(kept is state for kept in path.states) and min(kept.fraction for kept in path.states) == state.fraction
+
+
+def test_without_snaps_the_path_ends_where_the_arch_would_snap():
+    """The same way up to there, bit for bit, and a reason that says so."""
+    scene, mesh, _ = arch()
+    scene = replace(scene, steps=Steps(count=10))
+    short, whole_path = (solve(scene, mesh=mesh, partial=True, snaps=snaps) for snaps in (False, True))
+    step = int(np.flatnonzero(whole_path.snap)[0])
+    assert len(short.displacement) == step and not short.snap.any()
+    assert np.array_equal(short.displacement, whole_path.displacement[:step])
+    assert short.failure.startswith(f"no equilibrium at step {step}") and short.failure.endswith("the path ends where the body would snap")

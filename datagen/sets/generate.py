@@ -56,14 +56,15 @@ class OverTime(RuntimeError):
 
 
 def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0, index: int = 0,
-                  on_step: Callable[[int], None] | None = None, stress: bool = False) -> Trajectory:
+                  on_step: Callable[[int], None] | None = None, stress: bool = False, snaps: bool = True) -> Trajectory:
     """The solution of a scene, computed unless given, with its first elastic mode and the obstacles' surfaces moving along; or a flow.
 
     Modes within 2 % of the first frequency belong to it, as the two bending planes of a square beam do: all are kept, four at most.
 
     When the solver stops early the trajectory holds the steps before, is not `complete`, and `extra` says why under
     "failure". `extra` also holds what was modelled, the seconds it took and the number of factorisations. `on_step` is
-    called with the number of each step that is reached; with `stress` that at the nodes is kept (files/fields.py).
+    called with the number of each step that is reached; with `stress` that at the nodes is kept (files/fields.py); without
+    `snaps` the solver stops where the body snaps.
 
     Raises:
         InputError: the scene has no solution to look for
@@ -71,7 +72,7 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
     """
     if isinstance(scene, FlowScene):
         return flow_trajectory(scene, solve_flow(scene, on_step=on_step, partial=True), seed=seed, index=index)
-    solution = solution or solve(scene, on_step=on_step, partial=True)
+    solution = solution or solve(scene, on_step=on_step, partial=True, snaps=snaps)
     mesh = solution.mesh
     fixed = held(scene, mesh)
     modes = elastic_modes(scene, count=min(AT_ONCE, int(np.count_nonzero(~fixed))), mesh=mesh)
@@ -226,7 +227,7 @@ def _make(job: Job) -> tuple[dataset.Entry | None, list[str]]:
         try:
             scene = draw(job.family, job.seed, job.index, attempt)
             clock = _clock(job.time_limit, scene.steps.count)
-            trajectory = trajectory_of(scene, seed=job.seed, index=job.index, on_step=clock, stress=job.stress)
+            trajectory = trajectory_of(scene, seed=job.seed, index=job.index, on_step=clock, stress=job.stress, snaps=False)
         except (InputError, RuntimeError) as error:
             reasons.append(str(error).splitlines()[0])
             continue

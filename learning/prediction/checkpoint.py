@@ -14,7 +14,7 @@ renamed: a training killed at any moment leaves a whole one. No pickle: safetens
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,7 @@ class Checkpoint:
     normaliser: the scales fitted on the training split
     optimizer: parameter number -> name -> tensor; empty in model.safetensors
     generator: state of the torch generator, uint8; None in model.safetensors
+    walks: of a training from pushed frames, where its flows are (training/walks.py)
     """
 
     about: dict[str, Any]
@@ -48,6 +49,7 @@ class Checkpoint:
     normaliser: Normaliser
     optimizer: dict[int, dict[str, Tensor]]
     generator: Tensor | None
+    walks: dict[str, Tensor] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,7 @@ def write_checkpoint(path: Path, saved: Checkpoint) -> None:
     tensors = {f"weights.{name}": value for name, value in saved.weights.items()}
     tensors |= {f"normaliser.{name}": value for name, value in saved.normaliser.tensors().items()}
     tensors |= {f"optimizer.{i}.{name}": value for i, entry in saved.optimizer.items() for name, value in entry.items()}
+    tensors |= {f"walks.{name}": value for name, value in saved.walks.items()}
     if saved.generator is not None:
         tensors["generator"] = saved.generator
     write_stored(path, {**saved.about, "layout": to_table(saved.normaliser.layout)}, tensors)
@@ -95,7 +98,8 @@ def read_checkpoint(path: str | Path) -> Checkpoint:
         normaliser = Normaliser(**{name: tensors[f"normaliser.{name}"] for name in scales}, layout=layout)
     except (KeyError, ValueError) as error:
         raise InputError(f"{path}: not a whole checkpoint: {str(error).splitlines()[0]}") from None
-    return Checkpoint(about, under("weights.", tensors), normaliser, optimizer, tensors.get("generator"))
+    return Checkpoint(about, under("weights.", tensors), normaliser, optimizer, tensors.get("generator"),
+                      under("walks.", tensors))
 
 
 def load_model(run: str | Path, device: str = "cpu") -> Model | AtOnce:

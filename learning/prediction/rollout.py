@@ -182,12 +182,8 @@ def _predict(model: Model, example: Example, targets: list[int], now: list[NDArr
                      for each, frames in zip(shown, told, strict=True)])
 
 
-def pushed(model: Model, example: Example, frame: int, steps: int) -> NDArray[np.float64]:
-    """(N, D) a frame of a flow as so many predictions lead to it, each from the last, from the true frame before; or as many as fit."""
-    bundle, free, given = example.layout.bundle, example.skeleton.free[:, None], example.states
-    steps = min(steps, (frame - example.layout.first(example.trajectory)) // bundle)
-    now = given[frame - steps * bundle].astype(np.float64)
-    for target in range(frame - steps * bundle + 1, frame + 1, bundle):
-        said = _predict(model, example, [target], [now], [now])[0, -1]
-        now = np.where(free, said[:, :example.layout.space], given[target + bundle - 1])
-    return now
+def went_on(model: Model, example: Example, frame: int, now: NDArray[np.floating]) -> NDArray[np.float32]:
+    """(N, D) the last frame that is told at once from a state (N, D) at a frame, by scheme = "step"; what is given there as given."""
+    said = _predict(model, example, [frame + 1], [now], [now])[0, -1]
+    after = np.where(example.skeleton.free[:, None], said[:, :example.layout.space], example.states[frame + example.layout.bundle])
+    return after.astype(np.float32)

@@ -225,7 +225,7 @@ class _Store:
         self._put(numbers, arrays)
         if self._journal is not None:
             for k, number in enumerate(numbers):
-                self._journal.add({"number": number} | {name: array[k] for name, array in arrays.items()}, {"rows": np.array(1)})
+                self._journal.add({"number": number} | {name: array[k] for name, array in arrays.items()}, lambda: {"rows": np.array(1)})
             self._journal.save()
 
     def _put(self, numbers: NDArray[np.int64], arrays: dict[str, NDArray[Any]]) -> None:

@@ -27,14 +27,14 @@ Bodies in a plane have D = 2 coordinates, others D = 3. Of a flow u above is the
 is there; where several frames f, f + 1 ... are told at once, each is u less the same base. Further fields, stress or pressure
 (graphs/layout.py), are told beside y as they are in frame f, on all nodes of the body.
 
-Disturbed frames are not what a simulator walks into. With pushed = k the frame f - 1 of a flow is shown as 0 .. k of the network's own
-predictions lead to it from an earlier true one, and noise comes on top (the pushforward of Brandstetter et al.).
+Disturbed frames are not what a simulator walks into. With pushed > 0 a frame is shown as the network's own predictions have left it
+(training/walks.py), and noise comes on top.
 
 The normaliser (scales.py) is fitted on the training trajectories only, on samples as the training sees them, noise included.
 
 Legend: N nodes, T frames, D space dimensions, b frames told at once, O = b (D + numbers of further fields).
 Source: Pfaff et al. 2021, section 3.2 and appendix A.2.2; Godwin et al. 2022 for the correction; Brandstetter, Worrall and Welling
-2022 (arXiv:2202.03376) for frames told at once and pushed ones.
+2022 (arXiv:2202.03376) for frames told at once.
 """
 
 from __future__ import annotations
@@ -175,8 +175,6 @@ def build_example(trajectory: Trajectory, config: TrainConfig, *, targets: NDArr
     layout.check(trajectory)
     if layout.flow and (config.scheme != "step" or config.history or config.estimate):
         raise InputError('a flow is predicted step by step: scheme = "step", without history and estimate')
-    if config.pushed and not layout.flow:
-        raise InputError(f"pushed = {config.pushed}: is of flows; a body's frames are shown as they are, pushed = 0")
     if targets is None:
         targets = np.arange(layout.first(trajectory) + 1, len(trajectory.displacement))
     wants, label = config.network.wants, segments_of(trajectory, config)

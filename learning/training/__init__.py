@@ -1,8 +1,8 @@
 """How are weights found, stopped and gone on with?
 
-    processes   several processes on one training
     curve       what a training says of itself as it goes
     run         a training between two steps: begun, resumed, kept
+    walks       frames that the network's own predictions have led to, to learn from
     train       the loop
     poses       the loop of predictors that know all poses of a path at once
     sections    what a predictor of beams learns from

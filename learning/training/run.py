@@ -21,6 +21,7 @@ from learning.networks.kinds import build
 from learning.networks.stored import put_into
 from learning.prediction.checkpoint import Checkpoint, Model, read_checkpoint, write_checkpoint
 from learning.samples.samples import Example, fit_normaliser
+from learning.training.walks import Walks
 from physics.schema import InputError, read_table, to_table
 
 
@@ -55,11 +56,13 @@ class Run:
     model: Model
     optimizer: torch.optim.Optimizer
     generator: torch.Generator
+    walks: Walks | None = None  # of a training from pushed frames
 
     def keep(self, name: str, *, whole: bool = False) -> None:
         """Write RUN/NAME.safetensors: what predicts; the whole: all that is needed to go on."""
         adam, dice = (self.optimizer.state_dict()["state"], self.generator.get_state()) if whole else ({}, None)
-        saved = Checkpoint(vars(self.about), self.model.network.state_dict(), self.model.normaliser, adam, dice)
+        walks = self.walks.tensors() if whole and self.walks else {}
+        saved = Checkpoint(vars(self.about), self.model.network.state_dict(), self.model.normaliser, adam, dice, walks)
         write_checkpoint(self.out / f"{name}.safetensors", saved)
 
 
@@ -79,7 +82,8 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
         if config.estimate:  # begin with the estimate as it is
             torch.nn.init.zeros_(network.last.weight)
             torch.nn.init.zeros_(network.last.bias)
-        return Run(out, about, Model(config, network, fit_normaliser(examples, config).to(device), str(out)), optimizer, generator)
+        model = Model(config, network, fit_normaliser(examples, config).to(device), str(out))
+        return Run(out, about, model, optimizer, generator, Walks(model, examples) if config.pushed else None)
 
     path = out / "last.safetensors"
     saved = read_checkpoint(path)
@@ -90,8 +94,9 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
     put_into(network, saved.weights, path)
     optimizer.load_state_dict({"state": saved.optimizer, "param_groups": optimizer.state_dict()["param_groups"]})
     generator.set_state(saved.generator)
-    return Run(out, About(**{**known, "config": about.config, "versions": about.versions}),
-               Model(config, network, saved.normaliser.to(device), str(out)), optimizer, generator)
+    model = Model(config, network, saved.normaliser.to(device), str(out))
+    return Run(out, About(**{**known, "config": about.config, "versions": about.versions}), model, optimizer, generator,
+               Walks(model, examples, saved.walks) if config.pushed else None)
 
 
 def _check_same_run(saved: dict[str, Any], asked: About, out: Path) -> None:

@@ -32,15 +32,15 @@ from learning.config import TrainConfig
 from learning.devices import device_of
 from learning.graphs.graph import Graph, join
 from learning.networks.blocks import products
-from learning.prediction.checkpoint import Model
 from learning.prediction.memory import keep_freed_memory
-from learning.prediction.rollout import pushed, rollout_error
+from learning.prediction.rollout import rollout_error
+from learning.processes import Processes, processes
 from learning.samples.samples import Example, all_frames, chances, load_examples, sample
 from learning.samples.scales import Normaliser
 from learning.samples.seen import seen, write_seen
 from learning.training.curve import Curve
-from learning.training.processes import Processes, processes
 from learning.training.run import Run, set_up
+from learning.training.walks import Walks
 from physics.schema import InputError
 from physics.whole import write_whole
 
@@ -103,7 +103,7 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
         while not ended:
             rate = learning_rate(config, progress(config, about.step, group.agreed(time.perf_counter() - start)))
             run.optimizer.param_groups[0]["lr"] = rate
-            batch = draw(examples, frames, chance, config, run.generator, model)
+            batch = draw(examples, frames, chance, config, run.generator, run.walks)
             loss = None
             try:
                 loss = take_step(learner, run.optimizer, model.normaliser, config, batch, group)
@@ -147,22 +147,20 @@ def progress(config: TrainConfig, step: int, seconds: float) -> float:
 
 
 def draw(examples: Sequence[Example], frames: NDArray[np.int64], chance: Tensor | None, config: TrainConfig,
-         generator: torch.Generator, model: Model | None = None) -> list[tuple[Graph, Tensor, Tensor]]:
+         generator: torch.Generator, walks: Walks | None = None) -> list[tuple[Graph, Tensor, Tensor]]:
     """A batch: of each sample its graph, its target (N, O) and which of these numbers are asked for.
 
-    model: whose predictions lead to frames, where the config has them pushed
+    walks: where the network has walked flows to, from where they are then shown
     """
     if chance is None:
         picked = torch.randint(len(frames), (config.batch_size,), generator=generator)
     else:
         picked = torch.multinomial(chance, config.batch_size, replacement=True, generator=generator)
-    drawn = frames[picked.numpy()].tolist()
-    shown: list[NDArray[np.float64] | None] = [None] * len(drawn)
-    if config.pushed and model is not None:
-        steps = torch.randint(config.pushed + 1, (len(drawn),), generator=generator).tolist()
-        shown = [pushed(model, examples[which], frame, count) for (which, frame), count in zip(drawn, steps, strict=True)]
-    return [(*sample(examples[which], frame, config, generator, now=now), examples[which].asked)
-            for (which, frame), now in zip(drawn, shown, strict=True)]
+    batch = []
+    for which, frame in frames[picked.numpy()].tolist():
+        at, now = (frame, None) if walks is None else walks.next(which, frame, generator)
+        batch.append((*sample(examples[which], at, config, generator, now=now), examples[which].asked))
+    return batch
 
 
 def take_step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,

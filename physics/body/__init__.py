@@ -2,7 +2,7 @@
 
     material     the strain-energy densities W(F)
     element      where the energy of a cell is sampled
-    kernel       W and its derivatives for eight cells at once, compiled
+    kernel       W and its derivatives for several cells at once, compiled
     elasticity   energy, forces, tangent stiffness and mass of a body
     lumped       the same with a lumped mass added to the stiffness
     stress       Piola-Kirchhoff, Cauchy and von Mises stress, at cells' centres and nodes

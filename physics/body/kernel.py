@@ -1,15 +1,15 @@
-"""Energy, forces and stiffness of all cells, eight at a time.
+"""Energy, forces and stiffness of all cells, as many at a time as the processor has lanes.
 
     W_c = sum_p V_p W(F_p)        F_p = I + sum_a u_a (x) g_ap        (sample points p as element.py gives them)
     f_a = sum_p V_p P g_ap        P = dW/dF
     K_ab = sum_p V_p g_ap . A . g_bp        A = dP/dF
 
 UFL differentiates W(F) and FFCx turns W, P and A into C code that works on one F, number by number. Nothing in it
-depends on the cell but its arguments, so with every `double` that varies replaced by a pack of eight the same code works on
-eight cells at once, and the compiler finds the wide instructions that it cannot find in the code for one. The sums over nodes
+depends on the cell but its arguments, so with every `double` that varies replaced by a pack of L the same code works on
+L cells at once, and the compiler finds the wide instructions that it cannot find in the code for one. The sums over nodes
 and the loops over cells stand in loops.cpp. Numbers agree with dolfinx's assembly to rounding.
 
-Legend: N nodes, C cells, n nodes of a cell, P sample points of a cell, d = 3 n.
+Legend: N nodes, C cells, n nodes of a cell, P sample points of a cell, d = 3 n, L lanes: 8 with AVX-512, 4 with AVX, else 2.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from physics import fem
 from physics.body.element import Samples
 from physics.body.material import law_of
-from physics.linalg.native import compiled, pointer
+from physics.linalg.native import aligned, compiled, pointer
 
 Floats = NDArray[np.float64]
 
@@ -41,8 +41,9 @@ class Kernel:
         """Args: law of material.py; cells (C, n); sheet: no stress across it, along z. Raises `InputError` for an unknown law."""
         law_of(law)
         self.cells = np.ascontiguousarray(cells, np.int32)
-        self._table, self._parts = _packs(samples), samples.parts
-        self._library = _library(law, self.cells.shape[1], len(samples.volumes), sheet)
+        self._library, self._parts = _library(law, self.cells.shape[1], len(samples.volumes), sheet), samples.parts
+        self._table = _packs(samples, ctypes.c_int64.in_dll(self._library, "lanes").value)
+        self._mesh = ctypes.c_int64(len(self.cells)), pointer(self.cells), pointer(self._table)
 
     def energies(self, u: Floats, lame: tuple[float, float]) -> Floats:
         """(C,) [J] at displacements (N, 3) [m], for Lame's parameters (lambda, mu) [Pa]."""
@@ -59,20 +60,17 @@ class Kernel:
 
     def _run(self, name: str, u: Floats, lame: tuple[float, float], out: Floats, *more: ctypes.c_void_p) -> Floats:
         u, constants = np.ascontiguousarray(u), self._parts * lame
-        getattr(self._library, name)(ctypes.c_int64(len(self.cells)), *(pointer(a) for a in (self.cells, self._table, constants, u, out)),
-                                     *more)
+        getattr(self._library, name)(*self._mesh, pointer(constants), pointer(u), pointer(out), *more)
         return out
 
 
-def _packs(samples: Samples) -> Floats:
-    """(packs, P, d + 1, 8) gradients and volumes of eight cells side by side, on an address that is a multiple of 64."""
+def _packs(samples: Samples, lanes: int) -> Floats:
+    """(packs, P, d + 1, L) gradients and volumes of L cells side by side, on an address that is a multiple of 64."""
     points, cells = samples.volumes.shape
     values = np.concatenate([samples.gradients.reshape(points, cells, -1), samples.volumes[:, :, None]], axis=2)
-    values = np.pad(values, ((0, 0), (0, -cells % 8), (0, 0)))
-    values = values.reshape(points, -1, 8, values.shape[2]).transpose(1, 0, 3, 2)
-    room = np.empty(values.size + 8)
-    start = -room.ctypes.data // 8 % 8
-    packs = room[start:start + values.size].reshape(values.shape)
+    values = np.pad(values, ((0, 0), (0, -cells % lanes), (0, 0)))
+    values = values.reshape(points, -1, lanes, values.shape[2]).transpose(1, 0, 3, 2)
+    packs = aligned(values.size).reshape(values.shape)
     packs[:] = values
     return packs
 

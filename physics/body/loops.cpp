@@ -4,7 +4,7 @@ enum { n = NODES, P = POINTS, d = 3 * n, row = d + 1 };
 static const double unit[12] = {0, 0, 0, 6, 0, 0, 0, 1, 0, 0, 0, 1};
 static inline void gather(const int32_t *cell, int64_t left, const double *u, pack *to) {
   for (int a = 0; a < n; ++a)
-    for (int l = 0; l < 8; ++l) {
+    for (int l = 0; l < L; ++l) {
       const double *p = u + 3 * int64_t(cell[(l < left ? l : 0) * n + a]);
       for (int k = 0; k < 3; ++k) to[3 * a + k].x[l] = p[k];
     }
@@ -20,7 +20,7 @@ static inline void thin(pack *F, const double *c) {
     tangent(A, F, c, unit, nullptr, nullptr);
     const pack step = S[8] / A[80];
     double farthest = 0;
-    for (int l = 0; l < 8; ++l) {
+    for (int l = 0; l < L; ++l) {
       const double next = F[8].x[l] - step.x[l];
       F[8].x[l] = next < F[8].x[l] / 2 ? F[8].x[l] / 2 : next; /* a stretch is positive */
       farthest = std::fmax(farthest, std::fabs(step.x[l]));
@@ -48,10 +48,10 @@ template <class Law> static inline void at(Law law, const pack *u, const pack *g
   for (int i = 0; i < size; ++i) out[i] = 0.0;
   law(out, F, c, unit, nullptr, nullptr);
 }
-/* The packs of eight cells from `first`; the last one repeats a cell, whose results are not used. */
+/* The packs of L cells from `first`; the last one repeats a cell, whose results are not used. */
 #define OVER_CELLS \
-  for (int64_t first = 0; first < cells; first += 8, table += P * row) { \
-    const int64_t left = cells - first < 8 ? cells - first : 8; \
+  for (int64_t first = 0; first < cells; first += L, table += P * row) { \
+    const int64_t left = cells - first < L ? cells - first : L; \
     const int32_t *cell = nodes + first * n; \
     pack x[d]; \
     gather(cell, left, u, x);

@@ -1,16 +1,25 @@
-/* Eight numbers side by side that behave like one: stands before the code that FFCx writes for a law. */
+/* As many numbers side by side as this processor has lanes, that behave like one: stands before the code that FFCx writes for a law. */
 #include <cmath>
 #include <cstdint>
-#ifdef __x86_64__  /* libmvec has these for eight numbers at once; glibc's header says so only where nan is ruled out */
+#ifdef __x86_64__  /* libmvec has these for several numbers at once; glibc's header says so only where nan is ruled out */
 extern "C" __attribute__((simd("notinbranch"))) double log(double) noexcept;
 extern "C" __attribute__((simd("notinbranch"))) double exp(double) noexcept;
 #endif
-typedef double v8 __attribute__((vector_size(64)));
+#if defined __AVX512F__
+enum { L = 8 };
+#elif defined __AVX__
+enum { L = 4 };
+#else
+enum { L = 2 };
+#endif
+/* Wider ones than the registers would be kept in memory, which takes three times as long. */
+extern "C" const int64_t lanes = L;
+typedef double wide __attribute__((vector_size(8 * L)));
 struct pack {
-  v8 x;
+  wide x;
   pack() = default;
-  pack(double s) : x(s - v8{}) {}
-  pack(v8 y) : x(y) {}
+  pack(double s) : x(s - wide{}) {}
+  pack(wide y) : x(y) {}
   pack &operator+=(pack b) { x += b.x; return *this; }
 };
 static inline pack operator+(pack a, pack b) { return a.x + b.x; }
@@ -19,7 +28,7 @@ static inline pack operator*(pack a, pack b) { return a.x * b.x; }
 static inline pack operator/(pack a, pack b) { return a.x / b.x; }
 static inline pack operator-(pack a) { return -a.x; }
 #define EACH(name, expression) \
-  static inline pack name(pack a) { pack r; for (int l = 0; l < 8; ++l) { double s = a.x[l]; r.x[l] = expression; } return r; }
+  static inline pack name(pack a) { pack r; for (int l = 0; l < L; ++l) { double s = a.x[l]; r.x[l] = expression; } return r; }
 EACH(log, std::log(s)) EACH(exp, std::exp(s)) EACH(sqrt, std::sqrt(s)) EACH(fabs, std::fabs(s))
 static inline pack pow(pack a, double e) {
   if (e == 2) return a * a;

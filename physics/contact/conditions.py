@@ -27,12 +27,9 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from physics.contact.obstacles import Rigid
 from physics.contact.points import merged, points_of
-from physics.contact.several import Rigids
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, kind_of, unique_edges
-from physics.scene import Obstacle
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -114,7 +111,7 @@ def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_],
         p = np.zeros(len(gap))
         if active.any():
             index = np.flatnonzero(active)
-            part = matrix[np.ix_(index, index)]
+            part = matrix[index[:, None], index]
             if definite:
                 _, solved, failed = lapack.dposv(part, -gap[index][:, None])
                 if failed:
@@ -131,88 +128,3 @@ def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_],
         raise np.linalg.LinAlgError("the points in contact could not be found")
     lower = np.linalg.cholesky(matrix)
     return scipy.optimize.nnls(lower.T, -scipy.linalg.solve_triangular(lower, gap, lower=True))[0]
-
-
-class Contact:
-    """Contact between a surface and an obstacle, or several: who is near, what the gaps are, what the forces do."""
-
-    def __init__(self, surface: ContactSurface, obstacle: Rigid | Rigids, rest: Floats, stiffness: float | Floats) -> None:
-        """Args: rest (N, 3) rest positions [m]; stiffness k [Pa/m] of a unit area, or that at each point (Q,)."""
-        self.surface, self.obstacle, self.rest = surface, obstacle, rest
-        self.softness = 1.0 / (stiffness * surface.area)  # (Q,) c_q [m/N]
-
-    def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
-        """Gaps (Q,) [m] and normals (Q, 3) at displacements (N, 3)."""
-        return self.obstacle.gap(self.surface.positions(self.rest + u), centre)
-
-    def forces(self, pressure: Floats, normal: Floats) -> Floats:
-        """Nodal forces (N, 3) [N] of point forces (Q,) along normals (Q, 3)."""
-        return self.surface.weights.T @ (pressure[:, None] * normal)
-
-    def zone(self, u: Floats, centre: Floats, reach: float) -> Zone:
-        """The points whose gap is below a reach [m]."""
-        return Zone(self, u, centre, reach)
-
-
-def contact_of(obstacles: Sequence[Obstacle], mesh: Mesh, held: NDArray[np.bool_], stiffness: Floats | float) -> Contact | None:
-    """Contact with the obstacles of a scene; None where there are none.
-
-    Args: held (N,): not in contact; stiffness k [Pa/m], one or at each node (N,). Raises `InputError` as `ContactSurface` does.
-    """
-    if not obstacles:
-        return None
-    rigid, surfaces = [Rigid(obstacle) for obstacle in obstacles], []
-    for i, (obstacle, one) in enumerate(zip(obstacles, rigid, strict=True)):
-        try:
-            surfaces.append(ContactSurface(mesh, obstacle.contact, held, one.width))
-        except InputError as error:
-            raise InputError(str(error).replace("obstacle:", f"obstacle[{i}]:", 1) if len(rigid) > 1 else str(error)) from None
-    surface = surfaces[0] if len(rigid) == 1 else Surfaces(surfaces)
-    at_points = surface.weights @ stiffness if isinstance(stiffness, np.ndarray) else stiffness
-    of = np.repeat(np.arange(len(rigid)), [len(one.area) for one in surfaces])
-    return Contact(surface, rigid[0] if len(rigid) == 1 else Rigids(rigid, of), mesh.points, at_points)
-
-
-class Zone:
-    """The part of a surface near an obstacle: for as long as `covers` says so, all that contact has to look at.
-
-    points: (q,) of the surface; nodes: (m,) behind them; weights: (q, m) dense; softness: (q,) [m/N]; obstacle: as they meet it
-    made_at, made_with: the displacements (N, 3) and the obstacle's centre (3,), of several (K, 3), that it was made for
-    """
-
-    def __init__(self, contact: Contact, u: Floats, centre: Floats, reach: float) -> None:
-        self._contact, self.made_at, self.made_with, self._reach = contact, u, centre, reach
-        self.points = np.flatnonzero(contact.gaps(u, centre)[0] < reach)
-        self.obstacle = contact.obstacle.among(self.points)
-        rows = contact.surface.weights[self.points]
-        self.nodes = np.unique(rows.indices).astype(np.int64)
-        self.weights = rows[:, self.nodes].toarray()
-        self.softness = contact.softness[self.points]
-        self._rest = contact.rest[self.nodes]
-
-    def covers(self, u: Floats, centre: Floats, near: float) -> bool:
-        """True when no point outside of the zone can have a gap below `near` [m]."""
-        change = u - self.made_at
-        moved = np.sqrt((change * change).sum(axis=1).max()) + np.linalg.norm(centre - self.made_with, axis=-1).max()
-        return bool(moved <= self._reach - near)
-
-    def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
-        """Gaps (q,) [m] and normals (q, 3) at displacements (N, 3)."""
-        return self.obstacle.gap(self.weights @ (self._rest + u[self.nodes]), centre)
-
-    def forces(self, pressure: Floats, normal: Floats) -> Floats:
-        """(m, 3) forces [N] on the zone's nodes of point forces (q,) along normals (q, 3)."""
-        return self.weights.T @ (pressure[:, None] * normal)
-
-    def gradient(self, points: NDArray[np.int64], nodes: NDArray[np.int64], normal: Floats) -> Floats:
-        """G (k, 3 n): derivative of the gaps of k of its points by the components of n of its nodes that hold all of theirs."""
-        weights = self.weights[points[:, None], nodes]  # (k, n)
-        return (weights[:, :, None] * normal[points][:, None, :]).reshape(len(points), -1)
-
-    def bend(self, points: NDArray[np.int64], nodes: NDArray[np.int64], pressure: Floats, u: Floats, centre: Floats) -> Floats:
-        """B (b, 3 n): forces (k,) on a round obstacle take B^T B from the stiffness of n nodes, for their normals turn."""
-        weights = self.weights[points[:, None], nodes]  # (k, n)
-        positions = weights @ (self._rest + u[self.nodes])[nodes]
-        rows = self.obstacle.among(points).bend(positions, centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
-        rows = weights[:, None, :, None] * rows[:, :, None, :]  # (k, 2, n, 3)
-        return rows[rows.any(axis=(2, 3))].reshape(-1, 3 * len(nodes))

@@ -70,11 +70,11 @@ class _Round:
 
     def gap(self, offset: Floats) -> tuple[Floats, Floats]:
         offset = offset - self.core(offset @ self.axis)[:, None] * self.axis
-        distance = np.sqrt((offset * offset).sum(axis=1))
-        # On the core itself every direction is as good as any: take a fixed one.
-        far = distance[:, None] > 0
-        normal = offset / distance[:, None] if far.all() else np.where(far, offset / np.where(far, distance[:, None], 1.0), self._anywhere)
-        return distance - self.radius, normal
+        distance = np.sqrt((offset * offset).sum(axis=1))[:, None]
+        if distance.min(initial=1.0) > 0:
+            return distance[:, 0] - self.radius, offset / distance
+        far = distance > 0  # on the core itself every direction is as good as any: take a fixed one
+        return distance[:, 0] - self.radius, np.where(far, offset / np.where(far, distance, 1.0), self._anywhere)
 
     def bend(self, offset: Floats) -> Floats:
         (gap, normal), along = self.gap(offset), offset @ self.axis

@@ -8,6 +8,8 @@ Legend: N nodes, Q contact points.
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left, bisect_right
 from dataclasses import replace
 
 import numpy as np
@@ -19,8 +21,9 @@ from physics.body.material import cellwise
 from physics.body.pressure import Pressed
 from physics.body.schedule import Moves, largest_share, scheduled, share
 from physics.body.supports import held, loose, outer_facets, traction_load
-from physics.contact.conditions import CONTACT_STIFFNESS, cell_size, contact_of
+from physics.contact.conditions import CONTACT_STIFFNESS, cell_size
 from physics.contact.obstacles import buried
+from physics.contact.touch import contact_of
 from physics.mesh.build import across
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
@@ -158,10 +161,10 @@ class Balance:
         """
         strides = []
         for obstacle in self.contact.obstacle.each if self.contact is not None else ():
-            corners = obstacle.reached[(obstacle.reached > start) & (obstacle.reached < end)]
-            way = np.array([obstacle.position(fraction) for fraction in (start, *corners, end)])
+            corners = obstacle.reached[bisect_right(obstacle.reached, start):bisect_left(obstacle.reached, end)]
+            way = [obstacle.position(fraction) for fraction in (start, *corners, end)]
             safe = min(obstacle.width, self.thin) / 2
-            strides.append(float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) / safe)
+            strides.append(sum(map(math.dist, way, way[1:])) / safe)
         return strides
 
     def _check(self) -> None:

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.contact.conditions import Zone
-from physics.contact.touch import Touch
+from physics.contact.touch import Touch, Zone
 from physics.equilibrium.balance import GAP_TOLERANCE, Balance
 from physics.equilibrium.mixing import Mixing, MixingMemory
 from physics.equilibrium.stability import Watch, softest_mode
@@ -67,6 +66,7 @@ class Newton:
         self._watch = Watch()
         self._zone: Zone | None = None
         self._mixing = Mixing()
+        self._free = np.flatnonzero(~balance.fixed)
         self.taken = 0
 
     @property
@@ -294,5 +294,5 @@ class Newton:
         else:
             reaction = -force[balance.bearing].sum(axis=0)
         scale = scale or float(np.linalg.norm(force[balance.fixed]))
-        residual = float(np.linalg.norm(force[~balance.fixed])) / max(scale, balance.floor / TOLERANCE)
+        residual = float(np.linalg.norm(force.take(self._free))) / max(scale, balance.floor / TOLERANCE)
         return State(fraction, u, pressure, reaction, iteration, residual, gap_error, penetration, reactions)

@@ -54,8 +54,9 @@ class LoadPath:
     Memory = PathMemory
 
     def __init__(self, scene: Scene, mesh: Mesh, *, tolerance: float = TOLERANCE, method: str | None = None, spread: bool = False,
-                 small_strain: float = LINEAR_TOLERANCE) -> None:
-        """Args: tolerance: residual over reaction; small_strain: error that it may make; method, spread: as in `factor.solver_for`."""
+                 small_strain: float = LINEAR_TOLERANCE, snaps: bool = True) -> None:
+        """Args: tolerance: residual over reaction; small_strain: error that it may make; method, spread: as in `factor.solver_for`;
+        snaps: whether the path goes on where the body snaps."""
         self._finite = Balance(scene, mesh, method=method, spread=spread)
         self.linear, self.kinematics = choose(scene, mesh, self._finite, small_strain)  # while small strain is enough, and why it is not
         self.linear_steps = 0
@@ -64,7 +65,7 @@ class LoadPath:
         self.balance = self.newton.balance
         contact = self.balance.contact
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(0 if contact is None else len(contact.surface.area)))]
-        self.order, self.halvings = 0, 0
+        self.order, self.halvings, self.snaps = 0, 0, snaps
         self.snap, self.released = 0.0, 0.0  # since the last frame
 
     def advance(self, fraction: float, depth: int = 0) -> State:
@@ -134,6 +135,8 @@ class LoadPath:
 
     def _snap(self, fraction: float, error: NoEquilibrium) -> State:
         """The equilibrium that the body moves to when the path of the last one ends."""
+        if not self.snaps:
+            raise NoEquilibrium(f"{error} after {HALVINGS} halvings; the path ends where the body would snap")
         try:
             state, moved, released = Relaxation(self.balance).settle(fraction, self.states[-1], self.newton)
         except NoEquilibrium as lost:

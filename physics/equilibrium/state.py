@@ -5,12 +5,16 @@ Legend: N nodes, Q contact points, S states.
 
 from __future__ import annotations
 
-import math
+import ctypes
 from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from physics.linalg.native import compiled, pointer
 
 Floats = NDArray[np.float64]
 
@@ -64,12 +68,24 @@ class StatesMemory:
 
 def extrapolate(states: list[State], fraction: float) -> Floats:
     """Displacements (N, 3) of the polynomial through some states (Lagrange's form), at another fraction."""
-    at = [state.fraction for state in states]
-    weights = [math.prod((fraction - t) / (s - t) for t in at if t != s) for s in at]
-    return sum((weight * state.u for weight, state in zip(weights, states, strict=True)), np.zeros_like(states[0].u))
+    return _through(states, fraction, len(states))[0]
 
 
 def best_order(states: list[State], state: State) -> int:
     """The order, up to three, of the polynomial through the last states that would have foreseen the next one best."""
-    errors = [np.linalg.norm(extrapolate(states[-1 - order:], state.fraction) - state.u) for order in range(min(4, len(states)))]
+    errors = [np.linalg.norm(away) for away in _through(states[-4:], state.fraction, 1) - state.u]
     return int(np.argmin(errors))
+
+
+def _through(states: list[State], fraction: float, fewest: int) -> Floats:
+    """(S - fewest + 1, N, 3) the polynomials through the last n of S states at a fraction, for n from the fewest to S."""
+    count, found = len(states), np.empty((len(states) - fewest + 1, *states[0].u.shape))
+    at, values = (ctypes.c_double * count)(*(s.fraction for s in states)), (ctypes.c_void_p * count)(*(pointer(s.u).value for s in states))
+    _library().through(ctypes.c_int64(count), ctypes.c_int64(fewest), ctypes.c_int64(states[0].u.size), at, values,
+                       ctypes.c_double(fraction), pointer(found))
+    return found
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    return compiled((Path(__file__).parent / "polynomial.cpp").read_text(), rounded=True)

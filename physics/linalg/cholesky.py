@@ -80,7 +80,9 @@ class _Cholesky:
         """Args: place (N,) of each node in the order of elimination; components: D, of which those beyond are held everywhere."""
         self.elasticity, self.worth, self._components = elasticity, max(8, round(worth)), components
         self._unknown = components * place[:, None] + np.arange(components)  # (N, D)
+        self._component = np.argsort(place)[:, None] * 3 + np.arange(components)  # (N, D) of a field (N, 3), in the order of elimination
         self._columns = Columns(self._halves, components)
+        self._known: tuple[Integers, Floats] | None = None  # columns, and their compliance
 
     def _forward(self, y: Floats) -> Floats:
         """L^-1 y in place, y (D N,)."""
@@ -108,17 +110,19 @@ class _Cholesky:
 
     def compliance(self, nodes: Integers) -> Floats:
         columns, D, n = self._columns.of(nodes), self._components, len(nodes)
-        found = self._columns.compliance[np.ix_(columns, columns)]
-        return found if D == 3 else self._whole(self._whole(found.reshape(n, D, n, D)).swapaxes(1, 3)).swapaxes(1, 3).reshape(3 * n, 3 * n)
+        if self._known is None or columns is not self._known[0]:
+            found = self._columns.compliance[np.ix_(columns, columns)]
+            if D < 3:
+                found = self._whole(self._whole(found.reshape(n, D, n, D)).swapaxes(1, 3)).swapaxes(1, 3).reshape(3 * n, 3 * n)
+            self._known = columns, found
+        return self._known[1]
 
     def begin(self, force: Floats) -> Floats:
-        y = np.empty(self._unknown.size)
-        y[self._unknown] = np.where(self.elasticity.fixed, 0.0, force)[:, :self._components]
-        return self._forward(y)
+        return self._forward(np.where(self.elasticity.fixed, 0.0, force).take(self._component).ravel())
 
     def at(self, begun: Floats, nodes: Integers) -> Floats:
         columns = self._columns.of(nodes)
-        return self._whole((self._columns.half.T @ begun[self._columns.rows])[columns].reshape(-1, self._components))
+        return self._whole((self._columns.half.T @ begun[self._columns.where])[columns].reshape(-1, self._components))
 
     def finish(self, begun: Floats, nodes: Integers | None = None, push: Floats | None = None) -> Floats:
         y = begun.copy()
@@ -126,11 +130,11 @@ class _Cholesky:
             columns = self._columns.of(nodes)
             forces = np.zeros(self._columns.half.shape[1])
             forces[columns] = push[:, :self._components].ravel()
-            y[self._columns.rows] += self._columns.half @ forces
-        return self._whole(self._backward(y)[self._unknown])
+            y[self._columns.where] += self._columns.half @ forces
+        return self._whole(self._backward(y).take(self._unknown))
 
     def solve(self, force: Floats) -> Floats:
-        return self._whole(self._backward(self.begin(force))[self._unknown])
+        return self._whole(self._backward(self.begin(force)).take(self._unknown))
 
 
 class BandFactor(_Cholesky):

@@ -24,6 +24,7 @@ class Columns:
     """Y = L^-1 E for unit forces E at the components of some nodes, and their compliance Y^T Y.
 
     rows: (r,) the unknowns, in the factor's order, outside of which Y is zero; half: (r, D m) Y; compliance: (D m, D m)
+    where: the same rows, as a slice where they follow one another
     """
 
     def __init__(self, compute: Callable[[Integers], tuple[Integers, Floats]], components: int = 3) -> None:
@@ -35,6 +36,7 @@ class Columns:
         self.groups: list[Integers] = []
         self._asked: Integers | None = None
         self._answer = np.empty(0, np.int64)
+        self.where: Integers | slice = slice(0, 0)
         self.rows, self.half, self.compliance = np.empty(0, np.int64), np.empty((0, 0)), np.empty((0, 0))
 
     def learn(self, nodes: Integers) -> None:
@@ -44,11 +46,15 @@ class Columns:
         cross = known.T @ half
         self.compliance = np.block([[self.compliance, cross], [cross.T, half.T @ half]])
         self.rows, self.half = every, np.concatenate([known, half], axis=1)
+        self.where = slice(every[0], every[-1] + 1) if every[-1] - every[0] == len(every) - 1 else every
         self.groups.append(nodes)
 
     def of(self, nodes: Integers) -> Integers:
-        """(D n,) the columns of n nodes; those that are missing are found, and those long out of use forgotten."""
-        if nodes is self._asked:  # once more, within a step
+        """(D n,) the columns of n nodes; those that are missing are found, and those long out of use forgotten.
+
+        Asked for the same nodes once more it gives the same array, as long as nothing was forgotten.
+        """
+        if nodes is self._asked or (self._asked is not None and np.array_equal(nodes, self._asked)):
             return self._answer
         place = self._places(nodes)
         if (place < 0).any():

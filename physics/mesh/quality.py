@@ -110,12 +110,24 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
     Gauss points at the triangle's vertices (det J is linear across the triangle, so this bounds all points at that height).
     """
     x = np.asarray(points, np.float64) + np.asarray(displacement, np.float64)
-    rest = np.concatenate(list(_jacobians(np.asarray(points, np.float64), cells, cell)), axis=2)  # (Q, C, 1)
-    flat = abs(rest) <= FLAT * rest.max(axis=0)  # as at a corner where two sides form one line: no ratio there
-    if (wrong := ((rest <= 0) & ~flat).any(axis=(0, 2)) | (rest.max(axis=(0, 2)) <= 0)).any():
-        raise InputError(f"{int(wrong.sum())} of {len(cells)} cells are inverted in the rest state")
+    rest = rest_jacobians(points, cells, cell)[:, :, None]
+    flat = np.isnan(rest)
     ratios = (part / np.where(flat, 1.0, rest) for part in _jacobians(x, cells, cell))
     return _by_frame([np.where(flat, np.inf, ratio).min(axis=0) for ratio in ratios], x)
+
+
+def rest_jacobians(points: ArrayLike, cells: Integers, cell: str) -> Floats:
+    """(Q, C) det J of rest positions (N, 3), nan where no ratio to it says anything. Raises `InputError` where cells are inverted."""
+    rest: Floats = np.concatenate(list(_jacobians(np.asarray(points, np.float64), cells, cell)), axis=2)[:, :, 0]
+    flat = abs(rest) <= FLAT * rest.max(axis=0)  # as at a corner where two sides form one line
+    if (wrong := ((rest <= 0) & ~flat).any(axis=0) | (rest.max(axis=0) <= 0)).any():
+        raise InputError(f"{int(wrong.sum())} of {len(cells)} cells are inverted in the rest state")
+    return np.where(flat, np.nan, rest)
+
+
+def slopes(cell: str) -> Floats:
+    """(Q, n, 3) gradients of the shape functions in the cell's coordinates, at the points that det F is looked at."""
+    return _samples(cell)[0]
 
 
 def centre_gradients(cell: str) -> Floats:

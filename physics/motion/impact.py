@@ -22,7 +22,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.contact.conditions import Contact, Zone, solve_complementarity
+from physics.contact.conditions import solve_complementarity
+from physics.contact.touch import Contact, Zone
 
 Floats = NDArray[np.float64]
 
@@ -50,8 +51,8 @@ class _SweptZone(Zone):
     def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
         """Gaps (q,) [m] at displacements (N, 3), and the mean normals (q, 3) of the way to there."""
         obstacle, nowhere = self.obstacle, np.zeros_like(centre)
-        before = obstacle.offset(self.weights @ (self._rest + self._sweep.u[self.nodes]), self._sweep.centre)
-        after = obstacle.offset(self.weights @ (self._rest + u[self.nodes]), centre)
+        before = obstacle.offset(self.positions(self._sweep.u), self._sweep.centre)
+        after = obstacle.offset(self.positions(u), centre)
         gap, last = obstacle.gap(after, nowhere)
         gap_before, _ = obstacle.gap(before, nowhere)
         middle = obstacle.gap((before + after) / 2, nowhere)[1]
