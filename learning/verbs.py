@@ -59,7 +59,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
         help="correct each predicted frame by Newton steps, about one for each of K orders of magnitude, and go on from there")
     _device(add)
     add = verb("sweep", sweep, "scene").add_argument
-    add("--predictor", required=True, metavar="RUN", help="folder of a trained predictor of beams by sections")
+    add("--predictor", required=True, metavar="RUN", help="folder of a trained predictor of beams by sections, or of bodies by shapes")
     add("--out", required=True, help="results, .h5")
     add("--vary", nargs="+", action="extend", default=[], metavar="KEY=LOW:HIGH", help="a value of the obstacle that varies: "
                                                                                       "between two numbers, or KEY=A,B,C in turn")

@@ -53,13 +53,35 @@ def test_what_is_shown_does_not_depend_on_the_size_nor_on_youngs_modulus_but_on_
         assert abs(other.shown(fraction)[0] - seen().shown(fraction)[0]).max() > 1e-3
 
 
+PANEL = {"shape": "panel", "outline": [[0, 0], [0.1, 0], [0.1, 0.08], [0, 0.08]], "height": 0.01, "layers": 1, "cell_size": 0.01}
+EDGE = [{"where": "edge-4"}]
+
+
 def test_a_hole_shows_in_what_is_told_of_the_body():
-    """The same box with a corner of its mesh missing."""
-    whole = seen()
-    kept = (whole.points[:, 0] < 0.05) | (whole.points[:, 1] < 0.05)
-    holed = replace(whole, points=whole.points[kept], held=whole.held[kept])
-    assert np.allclose(holed.extent, whole.extent)
-    assert abs(holed.shown(np.ones(1))[0] - whole.shown(np.ones(1))[0]).max() > 1e-2
+    """Of radius 1 cm at (30, 30) mm, in a rim of ten sides: the part of the box that is left, and where its middle lies."""
+    area = 5 * np.sin(2 * np.pi / 10) * 1e-4
+    left = 0.008 - area
+    for holes in ([], [[0.03, 0.03, 0.01]]):
+        rim = {"holes": holes, "cell_size": 0.0063}
+        told = seen(body=PANEL | rim, support=EDGE).shown(np.ones(1))[0][0, 33:43]
+        share = 0.008 - area * len(holes)
+        middle = 0.02 / 0.05 * area * len(holes), 0.01 / 0.04 * area * len(holes)
+        assert told[:4] == pytest.approx([share / 0.008, middle[0] / 0.008, middle[1] / 0.008, 0], abs=1e-9)
+    assert left < 0.98 * 0.008
+
+
+@pytest.mark.parametrize("body, support", [
+    (PLATE | {"cells": [9, 7, 3]}, "x-min"), (PLATE | {"cell": "tetrahedron"}, "x-min"),
+    (PLATE | {"cell": "prism", "cells": [4, 4, 1]}, "x-min"), (PANEL, "edge-4"), (PANEL | {"cell": "tetrahedron"}, "edge-4")])
+def test_what_is_told_of_a_body_and_of_what_is_held_does_not_depend_on_its_cells(body, support):
+    expected, found = seen().shown(np.ones(1))[0], seen(body=body, support=[{"where": support}]).shown(np.ones(1))[0]
+    assert found[:, 6:] == pytest.approx(expected[:, 6:], abs=1e-9)
+
+
+def test_nodes_that_are_held_on_no_face_count_alike():
+    """Two corners of the plate, (-1, -1, 1) and (1, 1, 1) in its box."""
+    corners = [{"where": {"near": place, "within": 1e-6}} for place in ([0, 0, 0.01], [0.1, 0.08, 0.01])]
+    assert seen(support=corners).shown(np.ones(1))[0][0, 43:53] == pytest.approx([1, 0, 0, 1, 1, 1, 0, 1, 0, 1])
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

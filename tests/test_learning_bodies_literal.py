@@ -13,9 +13,9 @@ from learning.slender.model import MARGIN
 from physics.mesh.build import build_mesh
 from tests.test_learning_bodies_body import PLATE, scene, seen
 
-# Means over the plate's nodes, at -1, -.6, .. 1 along x, -1, -.5, .. 1 along y and -1, 0, 1 along z: 1, x, y, z, xx, xy, xz, yy, yz, zz
-ALL = [1, 0, 0, 0, 2.8 / 6, 0, 0, 0.5, 0, 2 / 3]
-HELD = np.array([1, -1, 0, 0, 1, 0, 0, 0.5, 0, 2 / 3]) / 6  # those with x = -1, a sixth of all
+# Means over the box from -1 to 1: 1, x, y, z, xx, xy, xz, yy, yz, zz
+ALL = [1, 0, 0, 0, 1 / 3, 0, 0, 1 / 3, 0, 1 / 3]
+HELD = [1, -1, 0, 0, 1, 0, 0, 1 / 3, 0, 1 / 3]  # the face x = -1
 
 
 def test_a_pose_is_told_by_these_numbers_in_this_order():
@@ -69,7 +69,7 @@ def model(features, **changes):
     shapes[0, 0, 2] = shapes[1, 0, 0] = 1
     wide = {"low": torch.full((features,), -100.0), "high": torch.full((features,), 100.0), "bar": torch.tensor([2.0])}
     scales = Scales(pose=torch.stack([torch.ones(features), torch.full((features,), 2.0)]), answer=torch.tensor([3.0, 2.5]),
-                    degrees=torch.zeros(1, 3, dtype=torch.int64), shapes=shapes, **(wide | changes))
+                    degrees=torch.zeros(1, 4, dtype=torch.int64), shapes=shapes, **(wide | changes))
     return Bodies(BodiesConfig(poses=4, unsure_above=0.0012), Said(), scales, "run")
 
 

@@ -17,11 +17,11 @@ def sample(motion, poses, start):
                   torch.zeros(poses), motion)
 
 
-def test_in_a_table_each_trajectory_counts_by_its_motion_and_the_weights_are_one_in_the_mean():
-    """Motions of 1 and 3, two poses and one: 1, 1, 1/3, over their mean 7/9."""
+def test_in_a_table_each_trajectory_counts_by_the_square_of_its_motion_and_the_weights_are_one_in_the_mean():
+    """Motions of 1 and 3, two poses and one: 1, 1, 1/9, over their mean 19/27."""
     table: Table = table_of([sample(1.0, 2, 4), sample(3.0, 1, 6)])
     assert table.owner.tolist() == [0, 0, 1]
-    assert table.weight.tolist() == pytest.approx([9 / 7, 9 / 7, 3 / 7])
+    assert table.weight.tolist() == pytest.approx([27 / 19, 27 / 19, 3 / 19])
     assert table.depth.tolist() == [4, 5, 6] and table.feature.tolist() == [[4, -4], [5, -5], [6, -6]]
     assert table.best.tolist() == [[4, 8], [5, 10], [6, 12]]
     assert table.gram.tolist() == [[[4, 0], [0, 4]], [[6, 0], [0, 6]]]

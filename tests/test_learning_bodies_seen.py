@@ -92,9 +92,10 @@ def test_what_never_varied_may_be_off_by_a_ten_thousandth():
 
 
 def test_a_linear_body_has_degrees_of_one_along_all_sides_and_short_ones_of_two():
-    assert powers(np.array([0.1, 0.05, 0.01]), 1).tolist() == [[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1) if i + j + k < 3]
-    assert powers(np.array([0.1, 0.001, 0.001]), 3).max(axis=0).tolist() == [3, 2, 2]
-    assert powers(np.array([1.0, 0.5, 0.3]), 5).max(axis=0).tolist() == [5, 2, 2]  # 2.5 to the even one
+    found = powers(np.array([0.1, 0.05, 0.01]), 1)
+    assert found.tolist() == [[i, j, k, 0] for i in (0, 1) for j in (0, 1) for k in (0, 1) if i + j + k < 3]
+    assert powers(np.array([0.1, 0.001, 0.001]), 3).max(axis=0).tolist() == [3, 2, 2, 0]
+    assert powers(np.array([1.0, 0.5, 0.3]), 5).max(axis=0).tolist() == [5, 2, 2, 0]  # 2.5 to the even one
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -12,7 +12,7 @@ from tests.test_learning_bodies_body import PLATE, seen
 
 def test_degrees_go_with_the_sides_of_the_box():
     found = powers(np.array([0.1, 0.05, 0.01]), 6)
-    assert found.max(axis=0).tolist() == [6, 3, 2] and found.sum(axis=1).max() == 7
+    assert found.max(axis=0).tolist() == [6, 3, 2, 0] and found.sum(axis=1).max() == 7
     assert len(np.unique(found, axis=0)) == len(found) and (found == 0).all(axis=1).sum() == 1
 
 
@@ -29,13 +29,13 @@ def test_a_smooth_displacement_has_the_same_coefficients_on_meshes_that_share_no
     """u = (x y, z^2, x^3 - 2 y) in the box's own coordinates."""
     degrees = powers(np.array([0.1, 0.08, 0.01]), 5)
     found = []
-    for cells in ([7, 6, 2], [11, 9, 3]):
+    for cells in ([14, 12, 4], [11, 9, 5]):
         body = seen(body=PLATE | {"cells": cells})
         x, y, z = body.box(body.points).T
         u = np.column_stack([x * y, z**2, x**3 - 2 * y])[None]
         values = functions(body, degrees)
         found.append(fit(values, u))
-        assert np.allclose(values @ found[-1][0], u[0], atol=1e-4)
+        assert np.allclose(values @ found[-1][0], u[0], atol=1e-3)  # the weight on coefficients is 1e-4
     assert np.allclose(found[0], found[1], atol=1e-3)
 
 
@@ -49,20 +49,21 @@ def test_principal_combinations_are_those_of_the_largest_share_orthonormal():
     assert np.allclose(abs(other[0]), shapes[1], atol=1e-12)  # 0.18 against 2
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_mirror_changes_signs_as_it_does_at_the_nodes(axis):
+@pytest.mark.parametrize("axis, touched", [(0, False), (1, False), (2, False), (0, True), (1, True)])
+def test_a_mirror_changes_signs_as_it_does_at_the_nodes(axis, touched):
     body = seen()
-    degrees = powers(body.extent, 4)
+    degrees = powers(body.extent, 4, touched)
     values, size = functions(body, degrees), np.random.default_rng(axis).normal(size=(len(degrees), 3))
     twin = body.mirrored(axis)
     u = values @ size * np.where(np.arange(3) == axis, -1, 1)
     assert np.allclose(functions(twin, degrees) @ (size * mirror_signs(degrees, axis)), u)
 
 
-def test_errors_told_by_amounts_are_those_of_the_nodes():
+@pytest.mark.parametrize("touched", [False, True])
+def test_errors_told_by_amounts_are_those_of_the_nodes(touched):
     """For any amounts, of a displacement that no shape has in full; the same in a mirror."""
     dice, body = np.random.default_rng(1), seen()
-    degrees = powers(body.extent, 4)
+    degrees = powers(body.extent, 4, touched)
     truth = 1e-3 * dice.normal(size=(3, *body.points.shape))
     truth[:, body.held] = 0
     one = SimpleNamespace(body=body, fraction=np.array([0.4, 0.7, 1.0]), displacement=truth)

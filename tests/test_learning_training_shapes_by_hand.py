@@ -60,7 +60,7 @@ def test_it_learns_from_every_trajectory_and_all_its_mirrored_copies():
 def test_the_loss_is_the_weighted_square_of_displacements_over_that_of_none_and_what_doubt_costs():
     _, _, samples = expected()
     every = [(s, p) for s in samples for p in range(len(s.depth))]
-    weight = np.array([1 / s.motion for s, _ in every])
+    weight = np.array([s.motion**-2 for s, _ in every])
     weight /= weight.mean()
     motion = np.mean([w * float(s.best[p] @ s.gram @ s.best[p]) for w, (s, p) in zip(weight, every, strict=True)])
     draw = torch.Generator().manual_seed(5)

@@ -4,6 +4,6 @@
     shapes     smooth displacements of any body, and the few that bodies of a training take
     samples    trajectories as tables of poses
     model      a trained network with its scales and shapes, on disk and applied to poses
-    path       all frames of a scene
+    path       frames of a scene, or of many
     at_once    predictors of all frames at once, this one and that of beams, under one name
 """

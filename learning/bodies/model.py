@@ -8,12 +8,16 @@ Legend: P poses, A features, r shapes, M functions.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from learning.bodies.body import shown_signs
+from learning.bodies.shapes import mirror_signs
 from learning.config import BodiesConfig
 from learning.networks.shapes import Shapes
 from learning.networks.stored import put_into, read_stored, under
@@ -24,7 +28,7 @@ from physics.schema import InputError, read_table
 @dataclass(frozen=True)
 class Scales:
     """pose (2, A): mean and standard deviation of features; answer (r,): root mean square of amounts over depth; low, high (A,): range of
-    the training's features; degrees (M, 3), shapes (r, M, 3): as in shapes.py; bar (1,): by how much the expected error is multiplied
+    the training's features; degrees (M, 4), shapes (r, M, 3): as in shapes.py; bar (1,): by how much the expected error is multiplied
     for an error bar."""
 
     pose: Tensor
@@ -52,10 +56,24 @@ class Bodies:
     title = "body shapes"  # in reports
 
     def answer(self, feature: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
-        """Amounts (P, r) [m] of shapes and expected root mean square distances (P,) [m] from features (P, A) and depths (P,) [m]."""
+        """Amounts (P, r) [m] of shapes and expected root mean square distances (P,) [m] from features (P, A) and depths (P,) [m]: the means
+        of what is said of the body and of its copies in those mirrors that the training showed, turned back."""
         with torch.inference_mode():
-            said, doubt = self.network(scaled(feature, self.scales.pose))
-            return said * self.scales.answer * depth[:, None], doubt.exp() * depth
+            every = [self.network(scaled(feature * seen, self.scales.pose)) for seen, _ in self._mirrors]
+            amounts = torch.stack([said * turned for (said, _), (_, turned) in zip(every, self._mirrors, strict=True)]).mean(dim=0)
+            return amounts * self.scales.answer * depth[:, None], torch.stack([doubt for _, doubt in every]).mean(dim=0).exp() * depth
+
+    @cached_property
+    def _mirrors(self) -> list[tuple[Tensor, Tensor]]:
+        """Of each mirror the signs of features (A,) and of amounts (r,): shapes found in copies in all mirrors are even or odd."""
+        axes, found = ["xyz".index(letter) for letter in self.config.mirrored], []
+        for mirror in (some for count in range(len(axes) + 1) for some in combinations(axes, count)):
+            seen, turned = torch.ones(1), self.scales.shapes
+            for axis in mirror:
+                seen = seen * torch.from_numpy(shown_signs(axis)).float()
+                turned = turned * torch.from_numpy(mirror_signs(self.scales.degrees.numpy(), axis)).float()
+            found.append((seen, (turned * self.scales.shapes).sum(dim=(1, 2)).sign()))
+        return found
 
     def strange(self, feature: Tensor) -> Tensor:
         """(P,) True where a feature lies outside of what the training saw."""
@@ -78,5 +96,7 @@ def load_bodies(run: str | Path, name: str = "model") -> Bodies:
         network = Shapes(config.network, scales.pose.shape[1], len(scales.shapes))
     except KeyError as error:
         raise InputError(f"{path}: not a whole checkpoint: {error}") from None
+    if scales.degrees.shape != (scales.shapes.shape[1], 4):
+        raise InputError(f"{path}: was trained by an earlier version, in other functions: train it anew")
     put_into(network, under("weights.", tensors), path)
     return Bodies(config, network.eval(), scales, str(run))

@@ -25,7 +25,7 @@ from torch import Tensor
 from datagen.files.solved import solved_on
 from datagen.files.trajectory import Trajectory
 from learning.bodies.body import Body, see
-from learning.bodies.shapes import Powers, fit, functions, mirror_signs
+from learning.bodies.shapes import Powers, fit, functions, mirror_signs, principal, solved
 from learning.samples.seen import Value, description
 from learning.slender.samples import since_touch, taken
 from physics.scene import Scene
@@ -48,8 +48,9 @@ class Read:
 
 @dataclass(frozen=True)
 class Fitted:
-    """Poses by functions: features (P, A), depth (P,) [m], coefficients (P, M, 3), and over the free nodes products (M, M) of
-    functions, moments (P, M, 3) <f u> and square (P,) <|u|^2>; motion [m], the root of the mean of that."""
+    """Poses by functions: features (P, A), depth (P,) [m], coefficients (P, S, 3) of the S functions of the box, which come first, and over
+    the free nodes products (M, M) of functions, moments (P, M, 3) <f u> and square (P,) <|u|^2>; motion [m], the root of the mean of
+    that."""
 
     feature: Floats
     depth: Floats
@@ -102,13 +103,13 @@ def _picked(trajectory: Trajectory, frames: int) -> Read | None:
 
 def fitted(one: Read, degrees: Powers, mirror: Sequence[int] = ()) -> Fitted:
     """A trajectory by functions, seen in mirrors normal to some axes."""
-    body, values = one.body, functions(one.body, degrees)
-    coefficients, free = fit(values, one.displacement), one.body.free
+    body, values, smooth = one.body, functions(one.body, degrees), degrees[:, 3] == 0
+    coefficients, free = fit(values[:, smooth], one.displacement), one.body.free
     products = values[free].T @ values[free] / free.sum()
     moments = np.einsum("nm,tnk->tmk", values[free], one.displacement[:, free], optimize=True) / free.sum()
     for axis in mirror:
         signs, body = mirror_signs(degrees, axis), body.mirrored(axis)
-        coefficients, moments = coefficients * signs, moments * signs
+        coefficients, moments = coefficients * signs[smooth], moments * signs
         odd = np.where(degrees[:, axis] % 2, -1.0, 1.0)
         products = products * odd[:, None] * odd
     feature, depth = body.shown(one.fraction)
@@ -116,11 +117,33 @@ def fitted(one: Read, degrees: Powers, mirror: Sequence[int] = ()) -> Fitted:
                   (one.displacement[:, free] ** 2).sum(axis=2).mean(axis=1))
 
 
-def sample_of(one: Fitted, shapes: Floats) -> Sample:
-    """The same by shapes (r, M, 3)."""
+def shapes_of(every: Sequence[Fitted], count: int, touched: int) -> Floats:
+    """(r, M, 3) the principal combinations of the functions of the box, and of those about the touch so many of what these leave over."""
+    weight = np.concatenate([np.full(len(one.depth), 1 / one.motion) for one in every])
+    smooth = principal(np.concatenate([one.coefficients for one in every]), weight, count)
+    first = smooth.shape[1]
+    if not touched:
+        return smooth
+    smooth = np.pad(smooth, ((0, 0), (0, len(every[0].products) - first), (0, 0)))
+    left, mean = [], np.mean([one.products[first:, first:] for one in every], axis=0)
+    for one in every:
+        *_, best = _amounts(one, smooth)
+        rest = one.moments[:, first:] - np.einsum("lm,imk,pi->plk", one.products[first:], smooth, best, optimize=True)
+        left.append(solved(one.products[first:, first:], rest.swapaxes(0, 1)).swapaxes(0, 1))
+    about = principal(np.concatenate(left), weight, touched, mean)
+    return np.concatenate([smooth, np.pad(about, ((0, 0), (first, 0), (0, 0)))])
+
+
+def _amounts(one: Fitted, shapes: Floats) -> tuple[Floats, Floats, Floats]:
+    """G, <s . u> (P, r) and b of the module."""
     gram = np.einsum("imk,mn,jnk->ij", shapes, one.products, shapes, optimize=True)
     work = np.einsum("imk,pmk->pi", shapes, one.moments, optimize=True)
-    best = np.linalg.solve(gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram)), work.T).T
+    return gram, work, np.linalg.solve(gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram)), work.T).T
+
+
+def sample_of(one: Fitted, shapes: Floats) -> Sample:
+    """The same by shapes (r, M, 3)."""
+    gram, work, best = _amounts(one, shapes)
     left = np.maximum(one.square - 2 * (best * work).sum(axis=1) + ((best @ gram) * best).sum(axis=1), 0.0)
     feature, depth, products, amounts, rest = (torch.from_numpy(np.ascontiguousarray(each)).float()
                                                for each in (one.feature, one.depth, gram, best, left))
@@ -130,7 +153,7 @@ def sample_of(one: Fitted, shapes: Floats) -> Sample:
 @dataclass(frozen=True)
 class Table:
     """Samples one after another: feature (P, A), depth, owner, weight (P,), best (P, r), gram (samples, r, r); a weight is 1 over the
-    motion of its trajectory, their mean 1."""
+    square of the motion of its trajectory, so that relative errors count alike, their mean 1."""
 
     feature: Tensor
     depth: Tensor
@@ -143,7 +166,7 @@ class Table:
 def table_of(samples: Sequence[Sample]) -> Table:
     """All of them in one."""
     owner = torch.cat([torch.full((len(s.depth),), i) for i, s in enumerate(samples)])
-    weight = torch.tensor([1 / s.motion for s in samples])[owner]
+    weight = torch.tensor([s.motion**-2 for s in samples])[owner]
     return Table(torch.cat([s.feature for s in samples]), torch.cat([s.depth for s in samples]), torch.cat([s.best for s in samples]),
                  torch.stack([s.gram for s in samples]), owner, weight / weight.mean())
 

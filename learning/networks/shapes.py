@@ -19,12 +19,14 @@ class ShapesConfig:
 
     degree: of the polynomials that shapes are made of, along the longest side
     shapes: how many
+    touched: how many more of functions about the touch
     hidden, layers: of the net
     """
 
     kind: str = quantity("shapes", choice=("shapes",))
     degree: int = quantity(8, at_least=1, at_most=20)
     shapes: int = quantity(24, at_least=1, at_most=200)
+    touched: int = quantity(0, at_least=0, at_most=90)
     hidden: int = quantity(128, at_least=1, at_most=4096)
     layers: int = quantity(3, at_least=1, at_most=20)
 

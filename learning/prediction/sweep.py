@@ -1,8 +1,9 @@
-"""Many obstacle paths for one body in one call: what a predictor of beams says of each at some frames and nodes.
+"""Many obstacle paths for one body in one call: what a predictor of beams, or of bodies, says of each at some frames and nodes.
 
     SWEEP.h5    displacement (n, F, M, 3) [m], single precision, of the nodes (M,) at the frames (F,), datasets of these names
                 largest (n, F) [m] displacement of any node of the body at the frame
-                force (n, F) [N] of the obstacle: beam theory's, which is less than the elements' (docs/network.md), or theirs
+                force (n, F) [N] of the obstacle: beam theory's, which is less than the elements' (docs/network.md), or theirs; nan
+                of bodies by shapes, of which there is no theory
                 bar (n, F) [m] error bar, and unsure (n, F), as in a rollout (docs/network.md): what the predictor says of itself
                 state (n,) 0 predicted, 1 solved by finite elements, -1 they found no equilibrium and the prediction stands
                 path (n, 2, 3) [m] ends of the obstacle's path
@@ -21,6 +22,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +33,13 @@ from tqdm import tqdm
 
 from datagen.family.family import LARGEST_SPLIT
 from datagen.family.vary import Variation, load_variation
+from learning.bodies.at_once import AtOnce
+from learning.bodies.body import see as see_body
+from learning.bodies.model import Bodies
+from learning.bodies.path import predict_many as predict_bodies
 from learning.prediction.checkpoint import load_model
 from learning.slender.beam import see
-from learning.slender.many import alike, per_batch, predict_many
+from learning.slender.many import Frames, alike, per_batch, predict_many
 from learning.slender.model import Slender
 from learning.slender.path import check_points
 from physics.journal import Journal
@@ -45,6 +51,7 @@ from physics.solution import solve
 from physics.whole import written_whole
 
 Floats = NDArray[np.floating[Any]]
+BODIES = 16  # paths of bodies by shapes in a batch
 LARGEST = 4e9  # bytes of displacements in one sweep
 PREDICTED, SOLVED, UNSOLVED = 0, 1, -1
 
@@ -86,7 +93,7 @@ def sweep(scene: str | Path | dict[str, Any], run: str | Path, *, vary: Sequence
 
     Args:
         scene: a file, or a table as TOML gives it: a scene or a family
-        run: folder of a trained predictor of beams
+        run: folder of a trained predictor of beams, or of bodies by shapes
         vary, changes: KEY=LOW:HIGH or KEY=A,B, and KEY=VALUE, see datagen/family/vary.py
         count: of paths; all points of the grids where there are any and no number is given
         frames: which are kept, the rest state being 0; the last alone when None
@@ -95,21 +102,23 @@ def sweep(scene: str | Path | dict[str, Any], run: str | Path, *, vary: Sequence
         journal: a file that keeps what was found, to go on from after a kill; it is left for the caller to delete
 
     Raises:
-        InputError: before anything is predicted: wrong texts, a draw that is no scene or none of a beam, a run of another kind
+        InputError: before anything is predicted: wrong texts, a draw that is no scene or not of the predictor's kind, a run of another kind
     """
     variation = load_variation(scene, vary, changes, seed=seed)
     count = _count(variation, count)
     model, mesh = _model(run), build_mesh(variation.first.body)
+    look = partial(see_body, mesh=mesh) if isinstance(model, Bodies) else see
     kept, chosen = _frames(variation.first, frames), _nodes(mesh, nodes)
     if 12 * count * len(kept) * len(chosen) > LARGEST:
         raise InputError(f"{count} paths, {len(kept)} frames and {len(chosen)} nodes are {12e-9 * count * len(kept) * len(chosen):.3g} GB: "
                          f"at most {1e-9 * LARGEST:g} GB; ask for fewer frames, or for the nodes of one place")
-    check_points(see(variation.first), mesh.points)
-    beams, values, ends = [], [], []
+    if isinstance(model, Slender):
+        check_points(see(variation.first), mesh.points)
+    seen, values, ends = [], [], []
     for number in tqdm(range(count), desc="draw", unit="path", disable=None, leave=False):
         one, value = variation.scene(seed, number)
         try:
-            beams.append(see(one))
+            seen.append(look(one))
         except InputError as error:
             raise InputError(f"number {number}: {error}") from None
         values.append(value)
@@ -120,18 +129,15 @@ def sweep(scene: str | Path | dict[str, Any], run: str | Path, *, vary: Sequence
     kind = json.dumps([about["scene"], seed, weights, count, kept.tolist(), chosen.tolist()])
     with _store(journal, f"sweep {hashlib.sha256(kind.encode()).hexdigest()}", count) as store:
         fractions = kept / variation.first.steps.count
-        batch = per_batch(model, fractions, len(mesh.points))
         with tqdm(total=count, desc="predict", unit="path", disable=None, leave=False) as bar:
-            for members, paths in alike(beams):
-                for begin in range(0, len(members), batch):
-                    some = members[begin:begin + batch]
-                    if not store.has(some):
-                        found = predict_many(model, paths[begin:begin + batch], fractions)
-                        far = np.sqrt(np.square(found.displacement).sum(axis=3).max(axis=2)).astype(float)
-                        force = variation.first.stiffest * found.force
-                        store.add(some, Rows(found.displacement[:, :, chosen], far, force, found.bar, found.unsure,
-                                             np.full(len(some), PREDICTED, np.int8)))
-                    bar.update(len(some))
+            for some, predicted in _batches(model, seen, fractions, len(mesh.points)):
+                if not store.has(some):
+                    found = predicted()
+                    far = np.sqrt(np.square(found.displacement).sum(axis=3).max(axis=2)).astype(float)
+                    force = variation.first.stiffest * found.force
+                    store.add(some, Rows(found.displacement[:, :, chosen], far, force, found.bar, found.unsure,
+                                         np.full(len(some), PREDICTED, np.int8)))
+                bar.update(len(some))
         if solve_unsure:
             _solve(variation, seed, mesh, kept, chosen, store, say)
         return Sweep(variation, seed, kept, chosen, varied, np.array(ends), store.rows, about)
@@ -158,11 +164,25 @@ def _count(variation: Variation, count: int | None) -> int:
     return count
 
 
-def _model(run: str | Path) -> Slender:
+def _model(run: str | Path) -> AtOnce:
     model = load_model(run)
-    if not isinstance(model, Slender):
-        raise InputError(f"{run}: is a network that walks through one mesh at a time; a sweep takes a predictor of beams by sections")
+    if not isinstance(model, AtOnce):
+        raise InputError(f"{run}: is a network that walks through one mesh at a time; a sweep takes a predictor of beams by sections or of "
+                         "bodies by shapes")
     return model
+
+
+def _batches(model: AtOnce, seen: Sequence[Any], frames: Floats, nodes: int) -> Iterator[tuple[NDArray[np.int64], Callable[[], Frames]]]:
+    """Numbers of paths that are predicted together, and what does so."""
+    if isinstance(model, Bodies):
+        for begin in range(0, len(seen), BODIES):
+            some = seen[begin:begin + BODIES]
+            yield np.arange(begin, begin + len(some)), partial(predict_bodies, model, some, frames)
+        return
+    batch = per_batch(model, frames, nodes)
+    for members, paths in alike(seen):
+        for begin in range(0, len(members), batch):
+            yield members[begin:begin + batch], partial(predict_many, model, paths[begin:begin + batch], frames)
 
 
 def _frames(scene: Scene, frames: Sequence[int] | None) -> NDArray[np.int64]:

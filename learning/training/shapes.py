@@ -20,8 +20,8 @@ import torch
 from torch import Tensor
 
 from learning.bodies.model import Bodies, Scales
-from learning.bodies.samples import Read, Sample, fingerprint, fitted, read, sample_of, table_of
-from learning.bodies.shapes import powers, principal
+from learning.bodies.samples import Read, Sample, fingerprint, fitted, read, sample_of, shapes_of, table_of
+from learning.bodies.shapes import powers
 from learning.config import BodiesConfig
 from learning.networks.shapes import Shapes
 from learning.slender.calibration import stretch
@@ -45,10 +45,9 @@ class _OfShapes:
         self.config, self.name = config, name
         axes = ["xyz".index(letter) for letter in config.mirrored]
         mirrors = [mirror for count in range(len(axes) + 1) for mirror in combinations(axes, count)]
-        degrees = powers(np.mean([one.body.extent for one in found], axis=0), config.network.degree)
+        degrees = powers(np.mean([one.body.extent for one in found], axis=0), config.network.degree, config.network.touched > 0)
         every = [fitted(one, degrees, mirror) for one in found for mirror in mirrors]
-        weight = np.concatenate([np.full(len(one.depth), 1 / one.motion) for one in every])
-        shapes = principal(np.concatenate([one.coefficients for one in every]), weight, config.network.shapes)
+        shapes = shapes_of(every, config.network.shapes, config.network.touched)
         self.table = table = table_of([sample_of(one, shapes) for one in every])
         self.valid = [sample_of(fitted(one, degrees), shapes) for one in valid]
         self.fingerprint, self.poses = fingerprint(found), len(table.depth)
