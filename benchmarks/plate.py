@@ -3,6 +3,7 @@
     .venv/bin/python -m benchmarks.plate                          a plate bent and a bar turned, by CalculiX (apt-get install calculix-ccx)
     .venv/bin/python -m benchmarks.plate --ngsolve PYTHON         pressed by a sphere, by NGSolve, whose interpreter that is, and by
                                                                   plain Newton with dolfinx
+    .venv/bin/python -m benchmarks.plate --family                 plates of the family `plate`, and of first order with cells half as large
 
 A plate of four sides with a round hole is clamped at one edge.
 
@@ -23,6 +24,7 @@ import re
 import resource
 import subprocess
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,7 @@ import numpy as np
 from benchmarks import footing
 from benchmarks.equilibrium import plain
 from benchmarks.footing import cost
+from datagen.family.family import draw, load_family
 from physics.equilibrium.balance import Balance
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
@@ -156,13 +159,29 @@ def against_ngsolve(table: footing.Table, python: str, sizes: list[float]) -> No
         table.add(row(mesh, "plain Newton, dolfinx, penalty", frames[-1], by_body, 1e3 * seconds / steps, (u, force)))
 
 
+def of_family(table: footing.Table) -> None:
+    """The first draws of seed 0 that are followed to their end, whole paths, set-up included."""
+    family = load_family("plate")
+    solved(draw(family, 0, 0))  # compile
+    for index in (0, 2, 3, 7, 11):
+        scene = draw(family, 0, index)
+        coarse = replace(scene, body=replace(scene.body, order=1, cell_size=scene.body.cell_size / 2))
+        for order, each in ((2, scene), (1, coarse)):
+            seconds, solution = cost(solved, each)
+            table.add({"plate": str(index), "order": str(order), "nodes": str(len(solution.mesh.points)),
+                       "ms a frame": f"{1e3 * seconds / each.steps.count:.3g}"})
+
+
 def main() -> None:
     parser = footing.parser(__doc__)
     parser.add_argument("--ngsolve", metavar="PYTHON")
     parser.add_argument("--sizes", type=float, nargs="+", default=[0.02, 0.013], help="[m] of cells")
+    parser.add_argument("--family", action="store_true")
     options = parser.parse_args()
     table = footing.Table()
-    if options.ngsolve:
+    if options.family:
+        of_family(table)
+    elif options.ngsolve:
         against_ngsolve(table, options.ngsolve, options.sizes)
     else:
         against_calculix(table, options.sizes)
