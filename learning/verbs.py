@@ -72,7 +72,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
                                                                     "a kept frame (keep)")
     add = verb("evaluate", evaluate, "run").add_argument
     add("--data", required=True, help="folder of a data set")
-    add("--split", default="test")
+    add("--split", help="of the data set (test; where there is none, valid or train)")
     add("--correct", type=positive, default=1, metavar="K", help="orders of magnitude by which Newton steps correct each frame (1)")
     add("--refined", type=count, default=1, metavar="N", help="test scenes that are solved on finer cells as well (1)")
     add("--out", help="folder of the report (RUN/report)")
@@ -80,7 +80,7 @@ def add_learning_verbs(verb: Callable[..., argparse.ArgumentParser], positive: C
     add = verb("pareto", pareto, "what").add_argument
     add("--run", nargs="+", action="extend", default=[], help="folders of trainings (none: the classical methods alone)")
     add("--count", type=positive, default=5, help="trajectories of a data set, evenly spaced (5)")
-    add("--split", default="test")
+    add("--split", help="of the data set (test; where there is none, valid or train)")
     add("--refined", type=count, help="scenes that are solved on finer cells as well (all)")
     add("--repeats", type=positive, default=3, help="of each timing; medians are shown (3)")
     add("--out", default="pareto", help="folder of the report (pareto)")
@@ -229,7 +229,8 @@ def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any
     from datagen.sets.dataset import files
     from learning.report.evaluate import evaluate as run
 
-    out, chosen = writable(options.out or Path(options.run) / "report"), files(options.data, options.split)
+    out = writable(options.out or Path(options.run) / "report")
+    chosen = files(options.data, _split(options, options.data, say))
     if _flows(chosen[0]):
         return _of_flows(options, chosen, [options.run], out, say)
     return run(options.run, chosen, out, correct=options.correct, refined=options.refined,
@@ -243,14 +244,26 @@ def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
     from learning.report.evaluate import evenly
 
     out, only = writable(options.out), [kind.strip() for kind in options.only.split(",") if kind.strip()]
-    if Path(options.what, options.split).is_dir():
-        found = files(options.what, options.split)
+    split = _split(options, options.what, say)
+    if Path(options.what, split).is_dir():
+        found = files(options.what, split)
         if _flows(found[0]):
             chosen = [found[i] for i in evenly(options.count, len(found))]
             return _of_flows(options, chosen, options.run, out, say, repeats=options.repeats, only=only)
-    return compare(options.what, options.run, out, count=options.count, split=options.split, refined=options.refined,
+    return compare(options.what, options.run, out, count=options.count, split=split, refined=options.refined,
                    repeats=options.repeats, predictions=options.prediction, functions=options.predictor, device=options.device,
                    only=only, say=say)
+
+
+def _split(options: Options, folder: str, say: Say) -> str:
+    """The split that is asked for; else the test split or, with a remark, what a set has that has none."""
+    from datagen.family.family import SPLITS
+
+    there = [split for split in reversed(SPLITS) if any(Path(folder, split).glob("[0-9]*.vtkhdf"))]
+    if options.split or not there or there[0] == "test":
+        return options.split or "test"
+    say(f"{folder} has no test split: these are of {there[0]}, and a network may have learned from them")
+    return there[0]
 
 
 def study(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:

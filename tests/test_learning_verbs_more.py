@@ -1,5 +1,6 @@
 """The command line's share of flows, of studies and of error bars: every option handed on, and what is said, on made-up results."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -114,3 +115,19 @@ def test_where_networks_run_is_handed_on_to_every_report(tmp_path, monkeypatch, 
         spoken(capsys, verb, tmp_path / "run", *(("--data", "d") if verb == "evaluate" else ()), "--device", "cuda:1",
                "--predictor", "m:f", "--prediction", "g", "--out", tmp_path / "o")
         assert (called.named["device"], called.named["functions"], called.named["predictions"]) == ("cuda:1", [["m:f"]], [["g"]])
+
+
+def test_where_a_set_has_no_test_split_what_it_has_is_taken_and_that_is_said(flows, tmp_path, monkeypatch, capsys):
+    called = Called({"summary": "words"})
+    monkeypatch.setattr("learning.flows.compare.compare_flows", called)
+    data, run = tmp_path / "data", tmp_path / "run"
+    (data / "test").rename(data / "train")
+    for words in (("pareto", data, "--count", "7", "--out", tmp_path / "o"), ("evaluate", run, "--data", data)):
+        assert spoken(capsys, *words)[0] == f"{data} has no test split: these are of train, and a network may have learned from them"
+        assert {path.parent.name for path in called.given[0]} == {"train"} and len(called.given[0]) == 7
+    assert "test: no trajectory files" in refused(capsys, "pareto", data, "--split", "test")
+    shutil.copytree(data / "train", data / "valid", dirs_exist_ok=True)
+    assert "of valid" in spoken(capsys, "evaluate", run, "--data", data)[0]
+    shutil.copytree(data / "train", data / "test")
+    assert "no test split" not in " ".join(spoken(capsys, "evaluate", run, "--data", data))
+    assert called.given[0][0].parent.name == "test"
