@@ -71,9 +71,13 @@ def of_networks(function: Callable[..., dict[str, Any]]) -> Callable[[Options], 
 
 def verify(options: Options) -> dict[str, Any]:
     """Any prediction in the trajectory format, or a folder of them, held against its reference and against the equations."""
-    from datagen.files.prediction import lines
+    from datagen.files.prediction import lines, together
+    from datagen.files.trajectory import read_trajectory
     from datagen.flow.prediction import flow_lines, verify_files
 
+    for _, file, _ in together(Path(options.prediction), Path(options.reference)) if options.fields else ():
+        if not {"stress", "von_mises"} & set(read_trajectory(file).fields):
+            raise InputError(f'{file}: has no {options.fields}; a network tells it with [outputs] fields = ["von_mises"]')
     result = verify_files(options.prediction, options.reference, _writable(options.out))
     for line in (flow_lines if "nothing_changes" in result else lines)(result):
         _say(options, line)
@@ -237,6 +241,7 @@ def _parser() -> argparse.ArgumentParser:
                        _positive, _count)
     add = verb("verify", verify, "prediction").add_argument
     add("--reference", required=True, help="trajectory of finite elements, with its scene in it; or a folder of them")
+    add("--fields", choices=("stress",), help="stress: it must be predicted; where it is, it is compared in any case")
     add("--out", help="folder for the figures and a picture of the worst frame")
     add = verb("view", view, "trajectory").add_argument
     add("--out", help="film, .gif, one frame, .png, or page, .html")

@@ -128,3 +128,12 @@ def test_another_field_is_refused(pulled, capsys):
         fidelity.main(["simulate", str(pulled / "pulled.toml"), "--out", str(pulled / "x.vtkhdf"), "--fields", "strain"])
     assert error.value.code == 2 and not (pulled / "x.vtkhdf").exists()
     assert json.dumps(capsys.readouterr().err).count("--fields") >= 1
+
+
+def test_a_prediction_of_which_stress_is_asked_must_have_it(pulled, capsys):
+    plain, truth = (str(pulled / name) for name in ("plain.vtkhdf", "p.vtkhdf"))
+    assert fidelity.main(["verify", truth, "--reference", truth, "--fields", "stress"]) == 0
+    assert "von_mises" in capsys.readouterr().out
+    assert fidelity.main(["verify", plain, "--reference", truth, "--fields", "stress"]) == 2
+    assert "plain.vtkhdf: has no stress" in capsys.readouterr().err
+    assert fidelity.main(["verify", plain, "--reference", truth]) == 0
