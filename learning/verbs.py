@@ -257,13 +257,13 @@ def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
 
 def _split(options: Options, folder: str, say: Say) -> str:
     """The split that is asked for; else the test split or, with a remark, what a set has that has none."""
-    from datagen.family.family import SPLITS
+    from datagen.sets.dataset import splits
 
-    there = [split for split in reversed(SPLITS) if any(Path(folder, split).glob("[0-9]*.vtkhdf"))]
-    if options.split or not there or there[0] == "test":
+    there = splits(folder)
+    if options.split or not there or "test" in there:
         return options.split or "test"
-    say(f"{folder} has no test split: these are of {there[0]}, and a network may have learned from them")
-    return there[0]
+    say(f"{folder} has no test split: these are of {there[-1]}, and a network may have learned from them")
+    return there[-1]
 
 
 def study(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:

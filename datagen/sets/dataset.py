@@ -62,10 +62,19 @@ def files(folder: str | Path, split: str) -> list[Path]:
     """The trajectory files of one split, in order. Raises `InputError` when there are none."""
     if split not in SPLITS:
         raise InputError(f"split = {split!r}: must be one of {', '.join(SPLITS)}{nearest(split, SPLITS)}")
-    found = sorted(Path(folder, split).glob("[0-9]*.vtkhdf"))
+    found = _there(folder, split)
     if not found:
         raise InputError(f"{Path(folder, split)}: no trajectory files")
     return found
+
+
+def splits(folder: str | Path) -> list[str]:
+    """The splits of which a folder has files, in the order of SPLITS."""
+    return [split for split in SPLITS if _there(folder, split)]
+
+
+def _there(folder: str | Path, split: str) -> list[Path]:
+    return sorted(Path(folder, split).glob("[0-9]*.vtkhdf"))
 
 
 def read_manifest(folder: str | Path) -> Manifest:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ import torch
 from torch import Tensor
 
 from learning.bodies.body import shown_signs
-from learning.bodies.shapes import mirror_signs
+from learning.bodies.shapes import mirror_signs, mirrors
 from learning.config import BodiesConfig
 from learning.networks.shapes import Shapes
 from learning.networks.stored import put_into, read_stored, under
@@ -66,8 +65,8 @@ class Bodies:
     @cached_property
     def _mirrors(self) -> list[tuple[Tensor, Tensor]]:
         """Of each mirror the signs of features (A,) and of amounts (r,): shapes found in copies in all mirrors are even or odd."""
-        axes, found = ["xyz".index(letter) for letter in self.config.mirrored], []
-        for mirror in (some for count in range(len(axes) + 1) for some in combinations(axes, count)):
+        found = []
+        for mirror in mirrors(self.config.mirrored):
             seen, turned = torch.ones(1), self.scales.shapes
             for axis in mirror:
                 seen = seen * torch.from_numpy(shown_signs(axis)).float()

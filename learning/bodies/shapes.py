@@ -20,6 +20,7 @@ Legend: N nodes, M functions, r shapes, T frames.
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -80,12 +81,19 @@ def principal(coefficients: Floats, weight: Floats, count: int, products: Floats
     back = np.eye(coefficients.shape[1])
     if products is not None:
         square, vectors = np.linalg.eigh(products)
-        back = vectors / np.sqrt(np.maximum(square, FLAT * square.max()))
-        coefficients = np.einsum("tmk,mn->tnk", coefficients, vectors * np.sqrt(np.maximum(square, FLAT * square.max())), optimize=True)
+        root = np.sqrt(np.maximum(square, FLAT * square.max()))
+        back = vectors / root
+        coefficients = np.einsum("tmk,mn->tnk", coefficients, vectors * root, optimize=True)
     rows = (coefficients * weight[:, None, None]).reshape(len(coefficients), -1)
     _, vectors = np.linalg.eigh(rows.T @ rows)
     found = np.ascontiguousarray(vectors[:, ::-1][:, :count].T).reshape(-1, *coefficients.shape[1:])
     return np.einsum("mn,rnk->rmk", back, found)
+
+
+def mirrors(axes: str) -> list[tuple[int, ...]]:
+    """Every choice of some of the axes "xyz" to which mirrors are normal, none of them first."""
+    normal = ["xyz".index(letter) for letter in axes]
+    return [some for count in range(len(normal) + 1) for some in combinations(normal, count)]
 
 
 def mirror_signs(degrees: Powers, axis: int) -> Floats:

@@ -41,7 +41,7 @@ class Checkpoint:
     normaliser: the scales fitted on the training split
     optimizer: parameter number -> name -> tensor; empty in model.safetensors
     generator: state of the torch generator, uint8; None in model.safetensors
-    walks: of a training from pushed frames, where its flows are (training/walks.py)
+    walks: of a training from pushed frames, where its trajectories are (training/walks.py)
     """
 
     about: dict[str, Any]

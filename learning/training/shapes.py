@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from torch import Tensor
 
 from learning.bodies.model import Bodies, Scales
 from learning.bodies.samples import Read, Sample, fingerprint, fitted, read, sample_of, shapes_of, table_of
-from learning.bodies.shapes import powers
+from learning.bodies.shapes import mirrors, powers
 from learning.config import BodiesConfig
 from learning.networks.shapes import Shapes
 from learning.slender.calibration import stretch
@@ -43,10 +42,8 @@ class _OfShapes:
 
     def __init__(self, config: BodiesConfig, found: Sequence[Read], valid: Sequence[Read], name: str) -> None:
         self.config, self.name = config, name
-        axes = ["xyz".index(letter) for letter in config.mirrored]
-        mirrors = [mirror for count in range(len(axes) + 1) for mirror in combinations(axes, count)]
         degrees = powers(np.mean([one.body.extent for one in found], axis=0), config.network.degree, config.network.touched > 0)
-        every = [fitted(one, degrees, mirror) for one in found for mirror in mirrors]
+        every = [fitted(one, degrees, mirror) for one in found for mirror in mirrors(config.mirrored)]
         shapes = shapes_of(every, config.network.shapes, config.network.touched)
         self.table = table = table_of([sample_of(one, shapes) for one in every])
         self.valid = [sample_of(fitted(one, degrees), shapes) for one in valid]

@@ -150,7 +150,7 @@ def draw(examples: Sequence[Example], frames: NDArray[np.int64], chance: Tensor 
          generator: torch.Generator, walks: Walks | None = None) -> list[tuple[Graph, Tensor, Tensor]]:
     """A batch: of each sample its graph, its target (N, O) and which of these numbers are asked for.
 
-    walks: where the network has walked flows to, from where they are then shown
+    walks: where the network has walked trajectories to, from where they are then shown
     """
     if chance is None:
         picked = torch.randint(len(frames), (config.batch_size,), generator=generator)

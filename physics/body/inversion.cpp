@@ -1,8 +1,8 @@
-/* The smallest det F of a mesh, frame by frame; stands after NODES and PLANE. Each product and each sum is rounded by itself, but for
+/* The smallest det F of a mesh, frame by frame; stands after NODES, PLANE and AT_ONCE. Each product and each sum is rounded by itself, but for
    those of fma. */
 #include <cmath>
 #include <cstdint>
-enum { n = NODES, L = 4 }; /* L cells side by side: a pack */
+enum { n = NODES, L = AT_ONCE }; /* L cells side by side: a pack */
 
 /* det J, J_kd the derivative of component k in direction d; of plane cells that of the first two. */
 static inline void determinants(const double (*J)[3][L], double *det) {

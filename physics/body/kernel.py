@@ -133,4 +133,4 @@ def smallest_det_f(mesh: Mesh, displacement: Floats) -> Floats:
 @cache
 def _inversion(nodes: int, plane: bool) -> ctypes.CDLL:
     source = (Path(__file__).parent / "inversion.cpp").read_text()
-    return compiled(f"#define NODES {nodes}\n#define PLANE {int(plane)}\n{source}", rounded=True)
+    return compiled(f"#define NODES {nodes}\n#define PLANE {int(plane)}\n#define AT_ONCE {AT_ONCE}\n{source}", rounded=True)
