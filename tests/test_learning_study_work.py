@@ -11,7 +11,7 @@ from learning.graphs.layout import Layout
 from learning.networks.m4gn import M4GNConfig
 from learning.study import work
 from learning.study.plan import Trial
-from learning.study.work import Job, carried_out, figures, step_ms, still, write_json
+from learning.study.work import Job, carried_out, figures, spent, step_ms, still, write_json
 from tests.five_nodes import write_set
 from tests.networks import SMALL
 from tests.synthetic import bending
@@ -113,6 +113,11 @@ def test_a_network_is_tested_under_the_config_that_a_test_changes(monkeypatch):
     ((changed, title), paths), = seen
     assert (changed.config.segments, changed.config.tau, changed.config.network.hidden, changed.config.network.layers) == (4, 0.5, 16, 3)
     assert title == model.title and paths == ["a file"] and changed.name == "name"
+
+
+def test_what_was_spent_is_of_the_processor_and_on_a_gpu_of_the_clock():
+    assert spent({"step": 3, "seconds": 9.0, "processor": 4.0}) == {"step": 3, "seconds": 4.0}
+    assert spent({"seconds": 9.0, "processor": None}) == {"seconds": 9.0} == spent({"seconds": 9.0})
 
 
 def line(step, seconds, **more):

@@ -17,6 +17,7 @@ from learning.prediction.checkpoint import load_model, read_checkpoint
 from learning.processes import Processes
 from learning.samples.estimate import Estimate
 from learning.samples.samples import all_frames, build_example, fit_normaliser, sample
+from learning.training import run as run_module
 from learning.training import train as module
 from learning.training.train import draw, learning_rate, progress, take_step, train
 from physics.schema import InputError
@@ -156,11 +157,12 @@ def test_a_drawn_sample_carries_the_mask_of_its_own_case(cases):
 # a training whose steps and validations are made up: only the loop itself runs
 
 class Clock:
-    """A step takes 2 s, a validation 0.25 s, and nothing else any time; step k has the loss 10^k and leaves k in the last bias."""
+    """A step takes 2 s (the processor half of that), a validation 0.25 s, and nothing else any time; step k has the loss 10^k and leaves
+    k in the last bias."""
 
     def __init__(self, patch, errors=()):
         self.now, self.step, self.rates, self.errors, self.bars = 1000.0, 0, [], list(errors), []
-        patch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: self.now))
+        patch.setattr(run_module, "time", SimpleNamespace(perf_counter=lambda: self.now, process_time=lambda: self.now / 2))
         patch.setattr(module, "take_step", self.make_step)
         patch.setattr(module, "rollout_error", self.error)
         patch.setattr(module, "tqdm", self.bar)
@@ -226,7 +228,8 @@ def test_the_best_network_is_kept_and_the_last_beside_it(clock, files, tmp_path,
     # steps of 2 s, with half a second of validation after steps 2 and 4
     assert [line["seconds"] for line in lines(tmp_path, "loss")] == [6.5, 11.0]
     assert [line["seconds"] for line in lines(tmp_path, "error")] == [4.0, 8.5, 11.0]
-    assert told["seconds"] == 11.5 and told["ms_per_step"] == pytest.approx(2300)
+    assert [line["processor"] for line in lines(tmp_path, "error")] == [2.0, 4.25, 5.5]
+    assert told["seconds"] == 11.5 and told["processor"] == 5.75 and told["ms_per_step"] == pytest.approx(2300)
     assert clock.shown == pytest.approx([60, 100])
     assert clock.bars[0][1] == "step 3 loss 370 error 4.00e+00 m"
     about = read_checkpoint(tmp_path / "last.safetensors").about
@@ -270,7 +273,7 @@ def test_a_budget_ends_a_training_and_a_resumed_one_has_what_is_left_of_it(clock
     assert train(config, files, [], tmp_path, resume=True)["steps"] == 5 and clock.step == 5  # there is nothing left
     # the end may be moved; the config that is kept is the new one
     told = train(replace(config, budget_seconds=13.0), files, [], tmp_path, resume=True)
-    assert (told["steps"], told["seconds"]) == (7, 14.0)
+    assert (told["steps"], told["seconds"], told["processor"]) == (7, 14.0, 7.0)
     assert read_checkpoint(tmp_path / "last.safetensors").about["config"]["budget_seconds"] == 13.0
     with pytest.raises(InputError, match="another seed .5, not 6"):
         train(replace(config, seed=6), files, [], tmp_path, resume=True)

@@ -4,7 +4,8 @@ A deviation is the sample's, 1/(n - 1); one seed has none. Two rows are told apa
 errors of the difference, 2 s sqrt(2 / n), with s^2 the mean of both variances and n seeds of each. What is nearer would take
 8 (s / difference)^2 seeds of each.
 
-At equal time: the best error in validation up to the moment at which the first of the rows was done, by the clock of each training.
+At equal time: the best error in validation up to the moment at which the first of the rows was done, by the processor seconds of each
+training (on a GPU by the clock).
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from typing import Any
 
 from learning.study.plan import Plan
 from learning.study.work import IDLE, STILL, Job
-from learning.training.curve import read_curve
 from physics.fidelity.figures import FIGURES, FLOW, Column, field_columns, shown
 from physics.schema import InputError, nearest
 from physics.whole import write_whole
@@ -32,12 +32,12 @@ COST = {
     "valid_equal": Column("valid., equal time", "mm", "m", 1e3, "best error of whole rollouts over the validation trajectories, up to the "
                           "moment at which the quickest row was done"),
     "parameters": Column("parameters", "", "1", 1, "weights of the network"),
-    "train_ms": Column("training", "ms/step", "ms", 1, "by the clock, of a step of batch_size frames, without validation where that can be "
-                       "told apart"),
+    "train_ms": Column("training", "ms/step", "ms", 1, "processor time (on a GPU by the clock) of a step of batch_size frames, without "
+                       "validation where that can be told apart"),
     "test_ms": Column("prediction", "ms/step", "ms", 1, "processor time of a rollout's step"),
     "memory": Column("memory", "MB", "B", 1e-6, "what a training step has to hold: weights, gradients, Adam's moments, and what is kept of "
                      "a batch for the backward pass"),
-    "hours": Column("hours", "h", "h", 1, "of training, by the clock"),
+    "hours": Column("hours", "h", "h", 1, "of training, of the processor (on a GPU by the clock)"),
 }
 FIGURE, OF_FLOWS = "rmse_all", "velocity_rmse_all"  # by which rows are told apart
 
@@ -135,7 +135,7 @@ def gathered(plan: Plan, jobs: Mapping[tuple[str, int], Job], idle: dict[str, di
     for (name, _), job in jobs.items():
         if job.done:
             trained[name].append(json.loads((job.folder / "trained.json").read_text()))
-            curves[name].append(read_curve(job.folder / "run"))
+            curves[name].append(job.curve())
             for test, _ in job.tests:
                 tests[name][test.name].append(json.loads(job.found(test).read_text()))
     moment = min((statistics.fmean(run["seconds"] for run in runs) for runs in trained.values() if runs), default=math.nan)

@@ -5,7 +5,7 @@
     ROW/SEED/on-TEST.json   figures of its rollouts over a test set (physics/fidelity/figures.py): of bodies those that need no equations
 
 The memory of a training step is what it has to hold: weights, their gradients, Adam's two moments, and what is kept of one batch for
-the backward pass. Times of training are by the clock, of whatever the machine did beside.
+the backward pass. Times of training are processor seconds, so that what else a machine does makes no difference; on a GPU by the clock.
 """
 
 from __future__ import annotations
@@ -59,6 +59,10 @@ class Job:
         """Whether all is found."""
         return all(path.exists() for path in (self.folder / "trained.json", *(self.found(test) for test, _ in self.tests)))
 
+    def curve(self) -> list[dict[str, Any]]:
+        """The lines of its training's curve, with what was spent until then."""
+        return [spent(line) for line in read_curve(self.folder / "run")]
+
     def found(self, test: Trial) -> Path:
         """Where the figures of a test are, or will be."""
         return self.folder / f"on-{slug(test.name)}.json"
@@ -69,7 +73,8 @@ def carried_out(job: Job) -> None:
     valid = files(job.data, "valid") if (job.data / "valid").is_dir() else []
     if not (job.folder / "trained.json").exists():
         found = train(job.config, files(job.data, "train"), valid, job.folder / "run", resume=True, device=job.device)
-        found |= {"memory": step_memory(job), "step_ms": step_ms(read_curve(job.folder / "run"), found)}
+        found = spent(found)
+        found |= {"memory": step_memory(job), "step_ms": step_ms(job.curve(), found)}
         write_json(job.folder / "trained.json", found)
     for test, folder in job.tests:
         if not job.found(test).exists():
@@ -119,6 +124,12 @@ def step_memory(job: Job) -> int:
     weights = {weight.untyped_storage().data_ptr(): weight.untyped_storage().nbytes() for weight in model.network.parameters()}
     assert said.requires_grad
     return 4 * sum(weights.values()) + sum(size for at, size in kept.items() if at not in weights)
+
+
+def spent(line: dict[str, Any]) -> dict[str, Any]:
+    """What a training says of itself, "seconds" being those of the processor where it ran on one."""
+    seconds, processor = line["seconds"], line.get("processor")
+    return {key: value for key, value in line.items() if key != "processor"} | {"seconds": seconds if processor is None else processor}
 
 
 def step_ms(curve: list[dict[str, Any]], found: dict[str, Any]) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from importlib.metadata import version
@@ -20,6 +21,7 @@ from learning.config import TrainConfig
 from learning.networks.kinds import build
 from learning.networks.stored import put_into
 from learning.prediction.checkpoint import Checkpoint, Model, read_checkpoint, write_checkpoint
+from learning.processes import Processes
 from learning.samples.samples import Example, fit_normaliser
 from learning.training.walks import Walks
 from physics.schema import InputError, read_table, to_table
@@ -30,7 +32,8 @@ class About:
     """What a run knows of itself, as the header of its checkpoints tells it; errors in metres.
 
     config: as a table; fingerprint: of the training data; versions: of the libraries
-    step, seconds: trained so far; loss: the mean over the steps of the last report; losses: of the steps since, for the next one
+    step, seconds: trained so far, by the clock; processor: seconds of the processor, None where a GPU trains
+    loss: the mean over the steps of the last report; losses: of the steps since, for the next one
     best_error, best_step: of the network that is kept; last_error: of the last validation
     """
 
@@ -40,11 +43,25 @@ class About:
     data_seconds: float = 0.0
     step: int = 0
     seconds: float = 0.0
+    processor: float | None = 0.0
     loss: float | None = None
     losses: list[float] = field(default_factory=list)
     best_error: float | None = None
     best_step: int | None = None
     last_error: float | None = None
+
+
+class Clock:
+    """What a training has taken so far, written into what it knows of itself; goes on from what stands there."""
+
+    def __init__(self, about: About, group: Processes, device: torch.device) -> None:
+        self.about, self.group, self.on_gpu = about, group, device.type != "cpu"
+        self.start, self.begun = time.perf_counter() - about.seconds, time.process_time() - (about.processor or 0.0)
+
+    def read(self) -> None:
+        """Processes agree on the time of the first."""
+        self.about.seconds = self.group.agreed(time.perf_counter() - self.start)
+        self.about.processor = None if self.on_gpu else time.process_time() - self.begun
 
 
 @dataclass

@@ -15,7 +15,6 @@ Source: Lei et al., M4GN, appendix "Training Details"; Pfaff et al. 2021, append
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -39,7 +38,7 @@ from learning.samples.samples import Example, all_frames, chances, load_examples
 from learning.samples.scales import Normaliser
 from learning.samples.seen import seen, write_seen
 from learning.training.curve import Curve
-from learning.training.run import Run, set_up
+from learning.training.run import Clock, Run, set_up
 from learning.training.walks import Walks
 from physics.schema import InputError
 from physics.whole import write_whole
@@ -62,8 +61,9 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
         device: where the network runs (devices.py)
 
     Returns:
-        {"run", "steps", "seconds", "ms_per_step", "loss", "best_error", "best_step", "last_error", "parameters",
-        "samples"}; errors in metres (rollout_error, averaged over validation trajectories), None where there is none
+        {"run", "steps", "seconds", "processor" (seconds of it, None on a GPU), "ms_per_step", "loss", "best_error", "best_step",
+        "last_error", "parameters", "samples"}; errors in metres (rollout_error, averaged over validation trajectories), None where there is
+        none
 
     Raises:
         InputError: bad files, a run of other data or config, a damaged checkpoint, a folder that holds a run already, a device that
@@ -85,7 +85,7 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
             write_seen(out, seen(example.trajectory for example in examples))
         about, before = run.about, replace(run.about)
         _loop(run, examples, examples_valid, config.steps if steps is None else min(steps, config.steps), group)
-    return {"run": str(out), "steps": about.step, "seconds": about.seconds,
+    return {"run": str(out), "steps": about.step, "seconds": about.seconds, "processor": about.processor,
             "ms_per_step": 1e3 * (about.seconds - before.seconds) / max(about.step - before.step, 1),
             "loss": about.loss, "best_error": about.best_error, "best_step": about.best_step, "last_error": about.last_error,
             "parameters": sum(p.numel() for p in run.model.network.parameters()), "samples": len(all_frames(examples))}
@@ -97,11 +97,12 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
     frames, chance = all_frames(examples), chances(examples)
     curve, learner = Curve(run.out if group.first else None, about.step), group.learner(model.network)
     losses = about.losses
-    start = time.perf_counter() - about.seconds
+    clock = Clock(about, group, model.normaliser.velocity.device)
     ended = about.step >= last or progress(config, about.step, about.seconds) >= 1
     with curve, tqdm(total=100, desc="train", disable=None if group.first else True, bar_format=BAR) as bar, products(config.network):
         while not ended:
-            rate = learning_rate(config, progress(config, about.step, group.agreed(time.perf_counter() - start)))
+            clock.read()
+            rate = learning_rate(config, progress(config, about.step, about.seconds))
             run.optimizer.param_groups[0]["lr"] = rate
             batch = draw(examples, frames, chance, config, run.generator, run.walks)
             loss = None
@@ -113,7 +114,7 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
                 raise InputError(_too_large(model.network, run.optimizer, model.normaliser, config, batch))
             losses.append(loss)
             about.step += 1
-            about.seconds = group.agreed(time.perf_counter() - start)
+            clock.read()
             if not math.isfinite(losses[-1]):
                 raise FloatingPointError(f"the loss is {losses[-1]} at step {about.step}, learning rate {rate:.2g}: "
                                          f"choose a lower one; {run.out} keeps the state of the last checkpoint")
@@ -123,14 +124,14 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
                 about.loss = float(np.mean(losses))
                 if about.step % REPORT_EVERY == 0:
                     losses.clear()
-                curve.add(about.step, seconds=about.seconds, loss=about.loss, learning_rate=rate)
+                curve.add(about.step, seconds=about.seconds, processor=about.processor, loss=about.loss, learning_rate=rate)
                 error = "" if about.last_error is None else f" error {about.last_error:.2e} m"
                 bar.set_postfix_str(f"step {about.step} loss {about.loss:.3g}{error}", refresh=False)
                 bar.update(100 * min(done, 1.0) - bar.n)
             if about.step % config.validate_every == 0 or ended:
                 if group.first:
                     _validate(run, examples_valid, curve)
-                about.seconds = group.agreed(time.perf_counter() - start)
+                clock.read()
                 if group.first:
                     run.keep("last", whole=True)
 
@@ -204,7 +205,7 @@ def _validate(run: Run, examples: Sequence[Example], curve: Curve) -> None:
             error = float(np.mean([rollout_error(run.model, example) for example in examples]))
         except FloatingPointError:  # an early network may blow up: no error figure then, and training goes on
             pass
-        curve.add(about.step, seconds=about.seconds, error=error)
+        curve.add(about.step, seconds=about.seconds, processor=about.processor, error=error)
     about.last_error = error
     if not examples or (error is not None and error < (about.best_error or math.inf)) or about.best_step is None:
         about.best_error, about.best_step = error, about.step
