@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from physics.body.element import samples
@@ -26,6 +27,7 @@ from physics.mesh.mesh import Mesh
 from physics.scene import Material
 
 Floats = NDArray[np.float64]
+NARROW = 600  # half bandwidth of K up to which a numbering along the body fills its factor least
 
 
 class Elastic:
@@ -34,6 +36,7 @@ class Elastic:
     Attributes:
         size: M; held: (M,) True on components that do not move
         stiffness: K (M, M) of all components
+        columns: of K^-1, as rows (.., M): those of the nodes that were learnt
         weights: (Q,) [m3] of the points of integration, those of a cell one after another; per_cell: g
         lame: lambda and mu over Young's modulus (2, Q), as far as they count at each
     """
@@ -50,15 +53,20 @@ class Elastic:
         columns = np.broadcast_to(mesh.cells[:, None, :], (3, cells, self.per_cell, n)).ravel()
         entries = gradient.transpose(3, 0, 1, 2).ravel()
         self._gradient = sparse.csr_matrix((entries, columns, np.arange(0, len(entries) + 1, n)), shape=(3 * len(self.weights), nodes))
+        self._directions = [self._gradient[i * len(self.weights):(i + 1) * len(self.weights)] for i in range(3)]
         self._divergence = self._gradient.T.tocsr()
         node = np.repeat(mesh.cells, self.per_cell, axis=0).reshape(-1)  # each point's nodes
         near = sparse.csr_matrix((np.repeat(self.weights, n), (node, np.repeat(np.arange(len(self.weights)), n))))
-        self._around = sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near  # (N, Q) mean over the points around a node
+        around = sparse.diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near  # (N, Q) mean over the points around a node
+        self._mean_gradient = sparse.vstack([around @ part for part in self._directions]).tocsr()
         self.stiffness = self._assemble(mesh.cells, gradient)
-        self._free = np.flatnonzero(~self.held)
-        self._factor = splu(self.stiffness[self._free][:, self._free].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+        free = np.flatnonzero(~self.held)
+        self._order = free[reverse_cuthill_mckee(self.stiffness[free][:, free].tocsr(), symmetric_mode=True)]
+        matrix = self.stiffness[self._order][:, self._order].tocoo()
+        narrow = abs(matrix.row - matrix.col).max() <= NARROW
+        self._factor = splu(matrix.tocsc(), permc_spec="NATURAL" if narrow else "MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                             options={"SymmetricMode": True})
-        self._known, self._columns = np.zeros(0, np.int64), np.zeros((0, self.size))  # nodes, and their columns of K^-1, as rows
+        self._known, self.columns = np.full(nodes, -1), np.zeros((0, self.size))
 
     def _assemble(self, cells: NDArray[np.int64], gradient: Floats) -> sparse.csc_matrix:
         count, points, n, _ = gradient.shape
@@ -76,13 +84,18 @@ class Elastic:
     def solve(self, force: Floats) -> Floats:
         """K^-1 of forces (M, ..), zero on held components."""
         out = np.zeros_like(force)
-        out[self._free] = self._factor.solve(np.ascontiguousarray(force[self._free]))
+        out[self._order] = self._factor.solve(np.ascontiguousarray(force[self._order]))
         return out
 
     def gradient(self, u: Floats) -> Floats:
         """H (Q, 3, 3) of displacements (M,): H_ij = du_i/dX_j."""
         found = np.array([self._gradient @ component for component in u.reshape(-1, 3).T])
         return found.reshape(3, 3, -1).transpose(2, 0, 1)  # one component after another in memory, which is faster
+
+    def gradients(self, u: Floats, points: slice) -> Floats:
+        """H (3, 3, r, q) of r displacements (M, r) at some points of integration."""
+        parts = [part[points] @ u.reshape(len(u) // 3, -1) for part in self._directions]
+        return np.array(parts).reshape(3, -1, 3, u.shape[1]).transpose(2, 0, 3, 1)
 
     def force(self, stress: Floats) -> Floats:
         """(M,) nodal forces of a first Piola-Kirchhoff stress (Q, 3, 3), zero on held components."""
@@ -104,18 +117,16 @@ class Elastic:
         """f(u) (M,) of displacements (M,), by the body's own law; not finite where a cell is inside out."""
         return self.force(stress(self._law, self.gradient(u), *self.lame))
 
-    def columns(self, nodes: NDArray[np.int64]) -> Floats:
-        """Columns of K^-1, three for each of n nodes, as rows (3 n, M); what was once solved for is kept."""
-        new = np.setdiff1d(nodes, self._known)
+    def learn(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Where in `columns` those of n nodes stand, three for each (3 n,); what is not there yet is solved for."""
+        new = nodes[self._known[nodes] < 0]
         if len(new):
             forces = np.zeros((self.size, 3 * len(new)))
             forces[components(new), np.arange(3 * len(new))] = 1.0
             forces[self.held] = 0.0
-            self._known = np.concatenate([self._known, new])
-            self._columns = np.concatenate([self._columns, self.solve(forces).T])
-        order = np.argsort(self._known)
-        found: Floats = self._columns[components(order[np.searchsorted(self._known, nodes, sorter=order)])]
-        return found
+            self._known[new] = len(self.columns) // 3 + np.arange(len(new))
+            self.columns = np.concatenate([self.columns, self.solve(forces).T])
+        return components(self._known[nodes])
 
     def answer(self, u: Floats, force: Floats) -> Floats:
         """R K^-1 R^T of forces (M,) on the body at displacements (M,): the rest stiffness, turned with each node."""
@@ -126,7 +137,7 @@ class Elastic:
     def _rotations(self, u: Floats) -> Floats:
         """R (N, 3, 3) of the nodes, as far as strains are small: from the mean of H around them, whose skew part is sin(angle)
         times the axis."""
-        h = (self._around @ self.gradient(u).reshape(-1, 9)).reshape(-1, 3, 3)
+        h = (self._mean_gradient @ u.reshape(-1, 3)).reshape(3, -1, 3).transpose(1, 2, 0)
         skew = (h - h.transpose(0, 2, 1)) / 2
         square = skew @ skew
         cosine = np.sqrt(np.maximum(1 + np.trace(square, axis1=1, axis2=2) / 2, 0.0))

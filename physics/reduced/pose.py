@@ -107,8 +107,8 @@ class Press:
             w, n = weights[near], normal[near]
             if not np.array_equal(behind := np.flatnonzero(w.any(axis=0)), held):  # nodes behind the near points
                 held, pushable = behind, components(nodes[behind])
-                columns = self.elastic.columns(nodes[held])  # (3 h, M)
-                answers = columns[:, component].T - zone_space @ space[pushable].T  # (3 k, 3 h)
+                columns = self.elastic.learn(nodes[held])  # (3 h,)
+                answers = self.elastic.columns[np.ix_(columns, component)].T - zone_space @ space[pushable].T  # (3 k, 3 h)
             along = (w[:, :, None] * n[:, None, :]).reshape(len(near), -1)  # (a, 3 k) gap by displacement
             pushed = (w[:, held, None] * (n @ turn)[:, None, :]).reshape(len(near), -1)  # (a, 3 h)
             in_space = along @ zone_space  # (a, r)
@@ -140,7 +140,8 @@ class Press:
         whole, push = np.zeros_like(state.pressure), np.zeros(len(space))
         whole[zone], push[component] = pressure, along.T @ p
         push[self.elastic.held] = 0.0
-        local = force @ columns - space @ (force @ space[pushable])
+        pulled = np.flatnonzero(force)
+        local = force[pulled] @ self.elastic.columns[columns[pulled]] - space @ (force @ space[pushable])
         return PoseState(centre, q, local.reshape(-1, 3) @ turn.T, whole, push)
 
 

@@ -74,12 +74,22 @@ class Estimator:
         self._way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))])  # (T,) [m] along the path
         rest = self.surface.positions(mesh.points)
         # Where the obstacle overlaps the body at rest. Later on it may be so deep that it no longer does.
-        clearance = np.array([self.obstacle.gap(rest, centre)[0].min() for centre in self.centres])
+        clearance = self._clearance(rest)
         self.overlaps = clearance < 0
         self._parts: list[Akima1DInterpolator | PchipInterpolator] = []  # of what `frames` gives, by the way
         self._known: dict[int, Floats] = {}  # what it gives at the poses themselves
         if self.overlaps.any():
             self._prepare(Elastic(mesh, held, material, scene.body.element), rest, -clearance.min(), rough)
+
+    def _clearance(self, rest: Floats) -> Floats:
+        """(T,) [m] the smallest gap of points at rest (Q, 3) in each frame. A gap changes by no more than the obstacle moves."""
+        found, near = np.empty(len(self.centres)), np.zeros((0, 3))
+        for frame, centre in enumerate(self.centres):
+            if not frame or np.linalg.norm(centre - start) > self.size:
+                start, (gap, _) = centre, self.obstacle.gap(rest, centre)
+                near = rest[gap < gap.min() + 2.001 * self.size]
+            found[frame] = self.obstacle.gap(near, centre)[0].min()
+        return found
 
     def _prepare(self, elastic: Elastic, rest: Floats, depth: float, rough: bool) -> None:
         first = int(self.overlaps.argmax())

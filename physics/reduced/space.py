@@ -28,6 +28,7 @@ from physics.reduced.elastic import Elastic, symmetric
 
 Floats = NDArray[np.float64]
 POINTS = 1000  # of integration that the polynomial is made from, about
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # components of a strain
 INDEPENDENT = 1e-9  # of the energy of normed vectors: what lies below is rounding
 
 
@@ -58,44 +59,51 @@ class Reduced:
 
     def _build(self) -> None:
         r = self.space.shape[1]
-        h = np.stack([self._elastic.gradient(self.space[:, k])[self._points] for k in range(r)]).astype(np.float32)  # (r, Q, 3, 3)
-        first, second = np.triu_indices(r)
-        self._first, self._second = first, second
-        components = np.empty((r + len(first), 6, h.shape[1]), np.float32)  # (m, 6, Q)
-        self._weigh(symmetric(h), components[:r])
+        h = self._elastic.gradients(self.space, self._points).astype(np.float32)  # (3, 3, r, Q)
+        self._first, self._second = np.triu_indices(r)
+        components = np.empty((r + len(self._first), 6, h.shape[-1]), np.float32)  # (m, 6, Q)
+        self._weigh([(h[i, j] + h[j, i]) / 2 for i, j in PAIRS], components[:r])
         at = r
         for i in range(r):  # products q_i q_j of all j >= i
-            product = symmetric(np.matmul(h[i].swapaxes(1, 2), h[i:]))
-            product[0] *= 0.5
+            one, others = h[:, :, i], h[:, :, i:]
+            product = [sum(one[k, a] * others[k, b] + one[k, b] * others[k, a] for k in range(3)) / 2 for a, b in PAIRS]
+            for part in product:
+                part[0] *= 0.5
             self._weigh(product, components[at:at + r - i])
             at += r - i
         flat = components.reshape(len(components), -1)
-        self._gram = (flat @ flat.T).astype(np.float64)
-        self._gram[:r, :r] = np.eye(r)  # as it is with all points
+        gram = flat @ flat.T
+        gram[:r, :r] = np.eye(r)  # as it is with all points
+        self._gram = gram.astype(np.float64)
         self._slots = np.arange(r, len(flat))
+        pairs = np.empty((len(flat), r, r), np.float32)  # of G the columns of q_i q_j, derived by q_i
+        pairs[:, self._first, self._second] = pairs[:, self._second, self._first] = gram[:, r:]
+        pairs[:, np.arange(r), np.arange(r)] *= 2
+        self._pairs = pairs.reshape(-1, r)
 
-    def _weigh(self, strain: NDArray[np.floating[Any]], out: NDArray[np.float32]) -> None:
-        """Strains (k, Q, 3, 3) as six numbers each whose squares add up to twice the energy: into (k, 6, Q)."""
+    def _weigh(self, strain: Sequence[NDArray[np.float32]], out: NDArray[np.float32]) -> None:
+        """Strains, the six PAIRS of components (k, Q) each, as six numbers whose squares add up to twice the energy: into (k, 6, Q)."""
         bulk, shear = self._scale
-        mean = (strain[..., 0, 0] + strain[..., 1, 1] + strain[..., 2, 2]) / 3
+        mean = (strain[0] + strain[1] + strain[2]) / 3
         # tr^2 (lambda + 2 mu / 3) + 2 mu |dev|^2, the deviator's diagonal as two numbers
-        x, y = strain[..., 0, 0] - mean, strain[..., 1, 1] - mean
+        x, y = strain[0] - mean, strain[1] - mean
         out[:, 0] = 3 * mean * bulk
         out[:, 1] = (2 * x + y) * shear
         out[:, 2] = np.float32(np.sqrt(3)) * y * shear
-        for slot, (i, j) in enumerate(((0, 1), (0, 2), (1, 2)), start=3):
-            out[:, slot] = 2 * strain[..., i, j] * shear
+        for slot in (3, 4, 5):
+            out[:, slot] = 2 * strain[slot] * shear
 
     def slope(self, q: Floats) -> Floats:
         """dW/dq (r,) at q (r,)."""
         return self._parts(q).T @ self._forces(q)
 
     def hessian(self, q: Floats) -> Floats:
-        """Second derivatives (r, r) of W at q (r,)."""
+        """Second derivatives (r, r) of W at q (r,), to the six digits that Newton's method needs of them."""
         r, parts, forces = len(q), self._parts(q), self._forces(q)
         bent = np.zeros((r, r))
         bent[self._first, self._second] = forces[r:]
-        return parts.T @ (self._gram @ parts) + bent + bent.T
+        turned = self._gram[:, :r] + (self._pairs @ q.astype(np.float32)).reshape(-1, r)  # G ds/dq
+        return parts.T @ turned + bent + bent.T
 
     def _forces(self, q: Floats) -> Floats:
         return self._gram @ np.concatenate([q, q[self._first] * q[self._second]])
