@@ -128,11 +128,12 @@ class Elastic:
             self.columns = np.concatenate([self.columns, self.solve(forces).T])
         return components(self._known[nodes])
 
-    def answer(self, u: Floats, force: Floats) -> Floats:
-        """R K^-1 R^T of forces (M,) on the body at displacements (M,): the rest stiffness, turned with each node."""
-        turn = self._rotations(u)
-        turned = np.einsum("nji,nj->ni", turn, force.reshape(-1, 3)).ravel()
-        return np.einsum("nij,nj->ni", turn, self.solve(turned).reshape(-1, 3)).ravel()
+    def answers(self, u: Floats, force: Floats) -> Floats:
+        """R K^-1 R^T of forces (k, M) on the body at displacements (k, M): the rest stiffness, turned with each node."""
+        turns = [self._rotations(one) for one in u]
+        turned = np.array([np.einsum("nji,nj->ni", turn, f.reshape(-1, 3)).ravel() for turn, f in zip(turns, force, strict=True)])
+        solved = self.solve(turned.T).T
+        return np.array([np.einsum("nij,nj->ni", turn, one.reshape(-1, 3)).ravel() for turn, one in zip(turns, solved, strict=True)])
 
     def _rotations(self, u: Floats) -> Floats:
         """R (N, 3, 3) of the nodes, as far as strains are small: from the mean of H around them, whose skew part is sin(angle)

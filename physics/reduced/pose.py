@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 ITERATIONS = 40
 LOOSE = 1e-3  # cell sizes: a last step that may be left over where points of contact go in circles
 HALVINGS = 4
-FRESH = 0.02  # cell sizes: after a larger step second derivatives are computed anew
+FRESH = 0.02  # cell sizes: after a longer way second derivatives are computed anew
 SAMPLE = 50  # components of which one is looked at for convergence
 REACH = 1.5  # cell sizes: points with a smaller gap are looked at
 NEAR = 0.5  # cell sizes: points with a smaller gap take part in contact
@@ -55,6 +55,7 @@ class Press:
         """Args: size of a cell [m]; surface where contact is felt; model: the small space."""
         self.mesh, self.size, self.surface, self.obstacle, self.elastic, self.model = mesh, size, surface, obstacle, elastic, model
         self._softness = size / (CONTACT_STIFFNESS * surface.area)
+        self._bent: tuple[Floats, Floats] | None = None  # q, and the second derivatives there
         self._tolerance = TOLERANCE * float(np.ptp(mesh.points, axis=0).max())
 
     def within(self, model: Reduced) -> Press:
@@ -93,12 +94,13 @@ class Press:
                 return replace(state, centre=centre)
             zone = gap.argmin(keepdims=True)
         rows = self.surface.weights[zone]
-        nodes = np.unique(rows.indices).astype(np.int64)
+        nodes, place = np.unique(rows.indices.astype(np.int64), return_inverse=True)
         component = components(nodes)
-        weights, softness = rows[:, nodes].toarray(), self._softness[zone]
+        weights, softness = np.zeros((len(zone), len(nodes))), self._softness[zone]
+        weights[np.repeat(np.arange(len(zone)), np.diff(rows.indptr)), place] = rows.data
         zone_space, zone_rest = space[component], rest[nodes]
         q, local, pressure = state.q, state.local[nodes], state.pressure[zone]
-        hessian, held = self.model.hessian(q), np.zeros(0, np.int64)
+        hessian, held = self._hessian(q), np.zeros(0, np.int64)
         for _ in range(ITERATIONS):
             moved = zone_rest + (zone_space @ q).reshape(-1, 3)
             turn = _rotation(zone_rest, moved)
@@ -133,7 +135,7 @@ class Press:
             if change < self._tolerance:
                 break
             if change > FRESH * self.size:
-                hessian = self.model.hessian(q)
+                hessian = self._hessian(q)
         else:
             if change > LOOSE * self.size:
                 return None
@@ -143,6 +145,13 @@ class Press:
         pulled = np.flatnonzero(force)
         local = force[pulled] @ self.elastic.columns[columns[pulled]] - space @ (force @ space[pushable])
         return PoseState(centre, q, local.reshape(-1, 3) @ turn.T, whole, push)
+
+
+    def _hessian(self, q: Floats) -> Floats:
+        """Second derivatives (r, r) of the polynomial at q, or at the last place that they were asked for if that is near."""
+        if self._bent is None or abs(self.model.space[::SAMPLE] @ (q - self._bent[0])).max() > FRESH * self.size:
+            self._bent = q, self.model.hessian(q)
+        return self._bent[1]
 
 
 def _factor(hessian: Floats) -> tuple[Floats, bool]:
@@ -156,8 +165,7 @@ def _factor(hessian: Floats) -> tuple[Floats, bool]:
 
 def _rotation(rest: Floats, now: Floats) -> Floats:
     """The rotation (3, 3) that best takes points (k, 3) to others; the identity where they lie on a line."""
-    a, b = rest - rest.mean(axis=0), now - now.mean(axis=0)
-    left, stretch, right = np.linalg.svd(b.T @ a)
+    left, stretch, right = np.linalg.svd(now.T @ (rest - rest.mean(axis=0)))
     if stretch[1] < 1e-6 * stretch[0] or stretch[0] == 0:
         return np.eye(3)
     return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right

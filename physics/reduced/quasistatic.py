@@ -42,11 +42,11 @@ EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone
 
 @dataclass(frozen=True)
 class Solved:
-    """A state at one pose; beyond (r,): c there; answer (N, 3) [m] of the rest stiffness to the forces that the state leaves over."""
+    """A state at one pose; beyond (r,): c there; left (M,): the forces that the state leaves over."""
 
     state: PoseState
     beyond: Floats
-    answer: Floats
+    left: Floats
 
 
 class Estimator:
@@ -107,14 +107,18 @@ class Estimator:
         frames, rounds, halvings = (poses, 0, 0) if rough else (enriching, ENRICHMENTS, HALVINGS)
         for enriched in range(rounds + 1):
             found = self._follow(press, frames)
-            left = [found[frame].answer.ravel() for frame in enriching.tolist()]
-            if enriched == rounds or (enriched and max(abs(answer).max() for answer in left) < ENOUGH * self.size):
+            if enriched == rounds:
                 break
-            press, frames = press.within(Reduced(elastic, [*press.model.space.T, *left])), poses
+            answers = _answers(press, [found[frame] for frame in enriching.tolist()])
+            if enriched and abs(answers).max() < ENOUGH * self.size:
+                break
+            press, frames = press.within(Reduced(elastic, [*press.model.space.T, *answers])), poses
         for part in parts:
             for one, other in pairwise(part.tolist()):
                 self._refine(press, one, other, part, found, halvings)
-        self._known = {frame: np.array([press.displacement(one.state), one.answer]) for frame, one in found.items()}
+        answers = _answers(press, list(found.values())).reshape(len(found), -1, 3)
+        self._known = {frame: np.array([press.displacement(one.state), answer])
+                       for (frame, one), answer in zip(found.items(), answers, strict=True)}
         for part in parts:
             part = np.array([frame for frame in sorted(found) if part[0] <= frame <= part[-1]])
             smooth = Akima1DInterpolator if len(part) > 2 else PchipInterpolator  # two poses have a straight line between them
@@ -162,7 +166,7 @@ class Estimator:
     def _follow(self, press: Press, frames: NDArray[np.int64]) -> dict[int, Solved]:
         """Solve poses in order, each from the last two."""
         start = max(int(self.overlaps.argmax()) - 1, 0)
-        still = np.zeros(press.model.space.shape[1]), np.zeros_like(self.mesh.points)
+        still = np.zeros(press.model.space.shape[1]), np.zeros(self.mesh.points.size)
         last = before = rest = Solved(press.rest(self.centres[start]), *still)
         found = {}
         for frame in frames.tolist():
@@ -178,18 +182,18 @@ class Estimator:
 
     def _solved(self, press: Press, centre: Floats, guess: Solved, near: Solved) -> Solved:
         """A pose, from a guess or, where that does not lead there, from another pose."""
-        c, answer = guess.beyond, np.zeros_like(self.mesh.points)
+        c = guess.beyond
         state = press.newton(centre, guess.state, c) or press.advance(centre, near.state, c)
         for left in reversed(range(ROUNDS)):
             u = press.displacement(state).ravel()
             force = press.elastic.internal(u)
             if not np.isfinite(force).all():  # a cell is inside out
-                return Solved(state, c, answer)
+                return Solved(state, c, np.zeros_like(force))
             known, c = c, press.model.space.T @ force - press.model.slope(state.q)
             if not left or abs(press.model.space @ (c - known)).max() < EXACT * min(self.size, abs(u).max()):
                 break
             state = press.newton(centre, state, c) or state
-        return Solved(state, c, press.elastic.answer(u, state.push - force).reshape(-1, 3))
+        return Solved(state, c, state.push - force)
 
     def frames(self, frames: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(F, N, 3) displacements [m] at some frames of the path, and the answers of the rest stiffness, turned with the body, to
@@ -206,6 +210,11 @@ class Estimator:
         return found[0], found[1]
 
 
+def _answers(press: Press, solved: list[Solved]) -> Floats:
+    """(k, M) [m] what the rest stiffness, turned with the body, answers to the forces that k poses leave over."""
+    return press.elastic.answers(np.array([press.displacement(one.state).ravel() for one in solved]), np.array([one.left for one in solved]))
+
+
 def _sum(shares: list[float], solved: list[Solved]) -> Solved:
     """The sum of some poses, each times a share; the obstacle is where it is in the first, and nothing pulls."""
     def added(values: Iterable[Floats]) -> Floats:
@@ -214,7 +223,7 @@ def _sum(shares: list[float], solved: list[Solved]) -> Solved:
     states = [one.state for one in solved]
     state = replace(states[0], q=added(one.q for one in states), local=added(one.local for one in states),
                     pressure=np.maximum(added(one.pressure for one in states), 0))
-    return Solved(state, added(one.beyond for one in solved), solved[0].answer)
+    return Solved(state, added(one.beyond for one in solved), solved[0].left)
 
 
 def _loads(surface: ContactSurface, rest: Floats, centre: Floats, normal: Floats, size: float, mesh: Mesh) -> Floats:
