@@ -89,17 +89,22 @@ def test_where_nothing_is_near_a_body_at_rest_stays_there(press):
 def test_second_derivatives_are_made_anew_after_large_steps_alone(press, fresh, made, monkeypatch):
     start, steps = press.rest(TOP + [0, 0, 1e-4]), []
     monkeypatch.setattr(module, "FRESH", fresh)
+    monkeypatch.setattr(press, "_bent", None)
     hessian, slope = press.model.hessian, press.model.slope
     calls = {"hessian": 0}
     monkeypatch.setattr(press.model, "hessian", lambda q: (calls.update(hessian=calls["hessian"] + 1), hessian(q))[1])
     monkeypatch.setattr(press.model, "slope", lambda q: (steps.append(q), slope(q))[1])
-    assert press.newton(TOP - [0, 0, 2e-3], start, np.zeros(len(start.q))) is not None
+    found = press.newton(TOP - [0, 0, 2e-3], start, np.zeros(len(start.q)))
+    assert found is not None
     moved = [abs(press.model.space @ (b - a)).max() for a, b in pairwise(steps)]
     if made == "some":  # one at the start, and one for each larger step but the last, after which it is done
         assert module.FRESH == 0.02 and 1 < calls["hessian"] < len(steps)
         assert calls["hessian"] >= 1 + sum(way > 0.02 * press.size for way in moved)
     else:
         assert calls["hessian"] == {"all": len(steps), "one": 1}[made]
+    known = calls["hessian"]
+    press.newton(TOP - [0, 0, 2.01e-3], found, np.zeros(len(start.q)))  # a fraction of a cell further
+    assert (calls["hessian"] > known) == (made == "all")
 
 
 def test_a_state_is_given_up_where_a_step_is_a_cell_long_or_steps_do_not_end(press, monkeypatch):

@@ -17,16 +17,16 @@ def on_path(centres, overlaps, size=1.0):
     return estimator
 
 
-def pose(q, centre=(0.0, 0, 0), pressure=(0.0,), beyond=0.0, local=0.0, answer=0.0):
+def pose(q, centre=(0.0, 0, 0), pressure=(0.0,), beyond=0.0, local=0.0, left=0.0):
     return Solved(PoseState(np.array(centre, float), np.array([q], float), np.full((2, 3), local, float), np.array(pressure, float),
-                            np.full(6, float(q))), np.array([beyond], float), np.full((2, 3), answer, float))
+                            np.full(6, float(q))), np.array([beyond], float), np.full(6, left, float))
 
 
 def test_a_sum_of_poses_has_shares_of_all_that_is_foreseen_and_nothing_pulls():
     found = _sum([3.0, -2.0], [pose(5, (1, 2, 3), (1.0, 4.0), 7, 0.5, 9), pose(1, (4, 4, 4), (5.0, 1.0), 2, 0.25, 8)])
     assert found.state.q == [13] and found.beyond == [17] and (found.state.local == 1.0).all()
     assert found.state.pressure.tolist() == [0, 10]  # 3 - 10 would pull
-    assert found.state.centre.tolist() == [1, 2, 3] and (found.answer == 9).all() and (found.state.push == 5).all()
+    assert found.state.centre.tolist() == [1, 2, 3] and (found.left == 9).all() and (found.state.push == 5).all()
 
 
 def test_a_pose_is_foretold_by_the_polynomial_through_the_four_nearest():
@@ -75,7 +75,7 @@ def test_each_pose_is_solved_from_the_last_two_and_none_where_nothing_touches(mo
     assert asked == [(2, 0, 0), (3, 12, 8), (4, 56, 20), (5, pytest.approx(1 + 19 / 3), 1), (6, pytest.approx(-3 + 4 * -4), -3)]
     assert [found[frame].state.q[0] for frame in (2, 3, 4, 5)] == [8, 20, 1, -3]
     # The last one neither presses nor overlaps: at rest, whatever was found, and where it is.
-    assert found[6].state.q == [0] and found[6].state.centre.tolist() == [0, 0, 8] and not found[6].answer.any()
+    assert found[6].state.q == [0] and found[6].state.centre.tolist() == [0, 0, 8] and not found[6].left.any()
 
 
 def test_after_it_has_let_go_it_begins_at_rest_again(monkeypatch):
@@ -89,6 +89,15 @@ def test_after_it_has_let_go_it_begins_at_rest_again(monkeypatch):
     pressed_at_once = on_path([[0, 0, 0], [0, 0, -1]], [1, 1])
     _, asked = followed(monkeypatch, pressed_at_once, [0, 1], {0: pose(2.0, (0, 0, 0), [1.0]), 1: pose(3.0, (0, 0, -1), [1.0])})
     assert asked == [(0, 0, 0), (1, 2, 2)]  # from two at one place nothing is foreseen
+
+
+def test_the_clearance_along_a_path_is_that_of_all_points_in_each_frame():
+    """Of a sphere of radius 0.3 that goes past a cloud, a fortieth of its width a step, so that other points are the nearest by and by."""
+    points = np.random.default_rng(0).uniform(-1, 1, (200, 3))
+    estimator = on_path(np.linspace([-2, 0.1, 0.2], [2, -0.1, 0.3], 80), np.ones(80), 0.2)
+    estimator.obstacle = SimpleNamespace(gap=lambda x, centre: (np.linalg.norm(x - centre, axis=1) - 0.3, None))
+    expected = [min(np.linalg.norm(point - centre) - 0.3 for point in points) for centre in estimator.centres]
+    np.testing.assert_allclose(estimator._clearance(points), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("cosine", "corner"), [(0.9901, False), (0.9899, True), (-1.0, True)])
@@ -116,7 +125,7 @@ def solving(monkeypatch, forces, *, reached=True):
         asked.append("from the pose near it")
         return PoseState(centre, state.q + 100, state.local, state.pressure, np.arange(6.0))
 
-    elastic = SimpleNamespace(internal=lambda u: next(forces), answer=lambda u, left: left + u)
+    elastic = SimpleNamespace(internal=lambda u: next(forces))
     press = SimpleNamespace(newton=newton, advance=advance, elastic=elastic, displacement=lambda state: np.full((2, 3), state.q[0]),
                             model=SimpleNamespace(space=space, slope=lambda q: 10 * q))
     return estimator, press, asked
@@ -130,7 +139,7 @@ def test_what_the_body_has_beyond_the_polynomial_is_put_right_until_it_no_longer
     found = estimator._solved(press, np.zeros(3), guess, pose(1.0))
     # Phi^T f = 3 f; at q = 5 c = 3 - 50, at 6: 15 - 60, at 7: 21 - 70, for which nothing is solved any more
     assert asked == [(4, 0.5), (5, -47), (6, -45)] and found.state.q == [7] and found.beyond == [-49]
-    assert found.answer == pytest.approx((np.arange(6.0) - 7 + 7).reshape(2, 3))  # of push - force, at u
+    assert found.left == pytest.approx(np.arange(6.0) - 7)  # push - force
     for off, solved in ((0.9e-4, 1), (1.1e-4, 2)):  # 2 (c - known) is the largest change in displacements
         estimator, press, asked = solving(monkeypatch, [ones * (50.5 + off / 2) / 3, ones * 20, ones])
         found = estimator._solved(press, np.zeros(3), guess, pose(1.0))
@@ -147,7 +156,7 @@ def test_where_newton_does_not_lead_to_a_pose_it_is_reached_from_the_one_near_it
     assert asked[:2] == [(4, 0.5), "from the pose near it"] and found.state.q == [101]
     estimator, press, asked = solving(monkeypatch, [np.full(6, np.nan)])
     found = estimator._solved(press, np.ones(3), pose(4.0, beyond=0.5), pose(1.0))
-    assert found.state.q == [5] and found.beyond == [0.5] and not found.answer.any()  # a cell is inside out
+    assert found.state.q == [5] and found.beyond == [0.5] and not found.left.any()  # a cell is inside out
 
 
 def test_frames_at_poses_are_these_and_others_lie_on_the_part_that_they_belong_to():

@@ -83,9 +83,9 @@ class Estimator:
 
     def _clearance(self, rest: Floats) -> Floats:
         """(T,) [m] the smallest gap of points at rest (Q, 3) in each frame. A gap changes by no more than the obstacle moves."""
-        found, near = np.empty(len(self.centres)), np.zeros((0, 3))
+        found, near, start = np.empty(len(self.centres)), rest, np.full(3, np.inf)
         for frame, centre in enumerate(self.centres):
-            if not frame or np.linalg.norm(centre - start) > self.size:
+            if np.linalg.norm(centre - start) > self.size:
                 start, (gap, _) = centre, self.obstacle.gap(rest, centre)
                 near = rest[gap < gap.min() + 2.001 * self.size]
             found[frame] = self.obstacle.gap(near, centre)[0].min()
@@ -212,7 +212,8 @@ class Estimator:
 
 def _answers(press: Press, solved: list[Solved]) -> Floats:
     """(k, M) [m] what the rest stiffness, turned with the body, answers to the forces that k poses leave over."""
-    return press.elastic.answers(np.array([press.displacement(one.state).ravel() for one in solved]), np.array([one.left for one in solved]))
+    moved = np.array([press.displacement(one.state).ravel() for one in solved])
+    return press.elastic.answers(moved, np.array([one.left for one in solved]))
 
 
 def _sum(shares: list[float], solved: list[Solved]) -> Solved:

@@ -19,12 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import gcd
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.reduced.elastic import Elastic, symmetric
+from physics.reduced.elastic import Elastic
 
 Floats = NDArray[np.float64]
 POINTS = 1000  # of integration that the polynomial is made from, about
@@ -72,12 +71,11 @@ class Reduced:
             self._weigh(product, components[at:at + r - i])
             at += r - i
         flat = components.reshape(len(components), -1)
-        gram = flat @ flat.T
-        gram[:r, :r] = np.eye(r)  # as it is with all points
-        self._gram = gram.astype(np.float64)
+        self._gram = (flat @ flat.T).astype(np.float64)
+        self._gram[:r, :r] = np.eye(r)  # as it is with all points
         self._slots = np.arange(r, len(flat))
-        pairs = np.empty((len(flat), r, r), np.float32)  # of G the columns of q_i q_j, derived by q_i
-        pairs[:, self._first, self._second] = pairs[:, self._second, self._first] = gram[:, r:]
+        pairs = np.empty((len(flat), r, r))  # of G the columns of q_i q_j, derived by q_i
+        pairs[:, self._first, self._second] = pairs[:, self._second, self._first] = self._gram[:, r:]
         pairs[:, np.arange(r), np.arange(r)] *= 2
         self._pairs = pairs.reshape(-1, r)
 
@@ -98,11 +96,11 @@ class Reduced:
         return self._parts(q).T @ self._forces(q)
 
     def hessian(self, q: Floats) -> Floats:
-        """Second derivatives (r, r) of W at q (r,), to the six digits that Newton's method needs of them."""
+        """Second derivatives (r, r) of W at q (r,)."""
         r, parts, forces = len(q), self._parts(q), self._forces(q)
         bent = np.zeros((r, r))
         bent[self._first, self._second] = forces[r:]
-        turned = self._gram[:, :r] + (self._pairs @ q.astype(np.float32)).reshape(-1, r)  # G ds/dq
+        turned = self._gram[:, :r] + (self._pairs @ q).reshape(-1, r)  # G ds/dq
         return parts.T @ turned + bent + bent.T
 
     def _forces(self, q: Floats) -> Floats:
