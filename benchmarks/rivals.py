@@ -35,7 +35,7 @@ from learning.samples.samples import build_example, fit_normaliser, sample
 from tests.synthetic import bending
 
 BATCH = 2
-STEPS = (MessagePassing, gcn.Convolution, bsms.Block, eagle.Step)
+STEPS = (MessagePassing, gcn.Convolution, bsms.MessageBlock, eagle.Step)
 SMALL: dict[str, dict[str, Any]] = {
     "m4gn": dict(hidden=32, message_steps=4, heads=4), "mgn": dict(hidden=32, message_steps=4), "gcn": dict(hidden=32, layers=4),
     "g-u-net": dict(hidden=32, levels=3), "bsms": dict(hidden=32, levels=3), "eagle": dict(hidden=32, width=64),

@@ -40,8 +40,8 @@ def main() -> None:
         quality.rmsd(prediction, truth, free)
         for a, b in zip(now, then, strict=True):
             quality.set_distances(a, b)
-        quality.mesh_continuity_error(now, then, *cells)
-        quality.aspect_ratio_error(now, then, *cells)
+        quality.mesh_continuity(now, *cells)
+        quality.aspect_ratio(now, *cells)
         quality.det_f(mesh.points, prediction, *cells)
         quality.scaled_jacobian(now, *cells)
 

@@ -21,7 +21,7 @@ SCHEMES = ("step", "pose")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Inputs:
+class NetworkInputs:
     """What a network sees beside the state of a body.
 
     material: Young's modulus, Poisson's ratio, density and law, told at every node; of bodies of one isotropic material
@@ -84,7 +84,7 @@ class TrainConfig:
     mode_count: int = quantity(1, at_least=1, at_most=100)
     overlap: int = quantity(0, at_least=0, at_most=1)
     network: NetworkConfig = field(default_factory=M4GNConfig)
-    inputs: Inputs = field(default_factory=Inputs)
+    inputs: NetworkInputs = field(default_factory=NetworkInputs)
     outputs: Outputs = field(default_factory=Outputs)
     contact_radius: float = quantity(0.002, unit="m", above=0)
     noise: float = quantity(1e-4, unit="m", at_least=0)

@@ -5,7 +5,7 @@ import zlib
 import numpy as np
 import pytest
 
-from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, Splits, counts, draw, load_family
+from datagen.family.family import LARGEST_SPLIT, SPLITS, Family, Splits, counts, draw, load_family, merged
 from datagen.sets.generate import jobs_of
 from physics.schema import InputError, read_table
 
@@ -158,3 +158,11 @@ def test_a_family_whose_scenes_ask_for_an_error_is_refused():
     asks = family(body={"length": 0.5, "width": 0.3, "height": 0.2}, steps={"error": 0.01})
     with pytest.raises(InputError, match="^steps.error: is for simulate alone"):
         draw(asks, 0, 0)
+
+
+def test_tables_lie_one_over_the_other_those_in_them_too_but_a_range_is_replaced():
+    below = {"a": 1, "b": {"c": 1, "d": {"e": 1}}, "f": {"g": 1}, "h": {"uniform": [0, 1]}}
+    assert merged(below, {"b": {"d": {"h": 2}}, "f": 3, "h": {"choice": [5]}, "i": {"j": 4}}) == {
+        "a": 1, "b": {"c": 1, "d": {"e": 1, "h": 2}}, "f": 3, "h": {"choice": [5]}, "i": {"j": 4}}
+    assert merged(below, {"a": {"k": 5}})["a"] == {"k": 5}
+    assert below == {"a": 1, "b": {"c": 1, "d": {"e": 1}}, "f": {"g": 1}, "h": {"uniform": [0, 1]}}

@@ -13,7 +13,7 @@ from learning.prediction.predictor import Case, Predictor
 from learning.report import evaluate as module
 from learning.report.differences import spread_said
 from learning.report.measure import Measurement, WorstFrame
-from learning.samples.seen import Seen
+from learning.samples.seen import SeenRange
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from tests.rows import row, rows
@@ -127,7 +127,7 @@ def test_a_report_gathers_title_names_rows_and_notes(measured, tmp_path):
 
 def test_how_far_outside_is_told_by_the_first_run_that_knows_its_ranges(measured, tmp_path, monkeypatch):
     model = SimpleNamespace(title="M4GN")
-    known = {"a": None, "b": Seen({"steps": (5.0, 8.0)}, {}, 3), "c": Seen({"steps": (1.0, 20.0)}, {}, 3)}
+    known = {"a": None, "b": SeenRange({"steps": (5.0, 8.0)}, {}, 3), "c": SeenRange({"steps": (1.0, 20.0)}, {}, 3)}
     monkeypatch.setattr(module, "read_seen", known.get)
     monkeypatch.setattr(module, "_facts", lambda *given: {})
     module.report_on([made()], [case("in", steps=6), case("out", steps=11)], tmp_path, title="T",
@@ -250,7 +250,7 @@ def test_materials_and_cells_are_told():
 
 def test_what_is_known_of_the_training_is_the_last_limit_before_what_went_wrong():
     found = Measurement(notes=["wrong 1", "wrong 2"])
-    without, some = limits(found), limits(found, runs={"a": None}, spans=[Seen({}, {}, 1)])
+    without, some = limits(found), limits(found, runs={"a": None}, spans=[SeenRange({}, {}, 1)])
     assert len(without) == 6 + 2 and without[-2:] == ["wrong 1", "wrong 2"] == some[-2:]
     assert some[-3].startswith("The test scenes lie inside or outside of the ranges listed above.") and len(some) == 9
     assert limits(found, runs={"a": None})[-3].startswith("The run does not say what it was trained on (no range.json)")

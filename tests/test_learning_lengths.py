@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from learning.config import Inputs
+from learning.config import NetworkInputs
 from learning.graphs.layout import Layout, layout_of
 from learning.networks.kinds import build
 from learning.prediction.checkpoint import Model
@@ -25,7 +25,7 @@ LARGE = replace(BEAM, points=3 * BEAM.points, displacement=3 * BEAM.displacement
 
 def counted(lengths, **changes):
     network = replace(SMALL["mgn"], world_radius=0.0)
-    return training(network, inputs=Inputs(lengths=lengths), noise=0.01, contact_radius=RADIUS[lengths], batch_size=2, **changes)
+    return training(network, inputs=NetworkInputs(lengths=lengths), noise=0.01, contact_radius=RADIUS[lengths], batch_size=2, **changes)
 
 
 def model_of(config):
@@ -114,6 +114,6 @@ def test_corrections_are_asked_for_and_taken_in_metres():
 
 def test_other_units_and_flows_are_refused():
     with pytest.raises(InputError, match="lengths = 'feet': must be one of m, cell, body"):
-        read_table(Inputs, {"lengths": "feet"})
+        read_table(NetworkInputs, {"lengths": "feet"})
     with pytest.raises(InputError, match="lengths = cell: is of bodies, and a fluid flows here"):
         layout_of([channel()], lengths="cell")

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from datagen.files.trajectory import write_trajectory
-from learning.config import Inputs
+from learning.config import NetworkInputs
 from learning.graphs.layout import Layout, layout_of
 from learning.networks.kinds import build
 from learning.prediction.checkpoint import load_model
@@ -22,7 +22,7 @@ from tests.synthetic import bending
 from tests.test_learning_layout import channel
 
 PLAIN = training(SMALL["mgn"], batch_size=2, steps=2)
-TOLD = replace(PLAIN, inputs=Inputs(material=True))
+TOLD = replace(PLAIN, inputs=NetworkInputs(material=True))
 
 
 def beam(law="neo-hookean-log", young=1e5, poisson=0.25, density=1e4, **more):

@@ -11,7 +11,7 @@ from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, write
 from learning.config import TrainConfig, load_config
 from learning.graphs.graph import join
 from learning.graphs.wants import Widths
-from learning.networks.blocks import Rows
+from learning.networks.blocks import Padding
 from learning.networks.kinds import CONFIGS, NETWORKS, build
 from learning.networks.m4gn import M4GNConfig
 from learning.networks.rivals.eagle import EagleConfig
@@ -276,7 +276,7 @@ def test_segments_of_m4gn_can_be_given_to_eagle():
 
 
 def test_rows_are_padded_by_owner_in_their_order():
-    rows = Rows(torch.tensor([2, 0, 2, 2]), 3)
+    rows = Padding(torch.tensor([2, 0, 2, 2]), 3)
     x = torch.tensor([[1.0], [2.0], [3.0], [4.0]])
     assert rows.padded(x)[:, :, 0].tolist() == [[2, 0, 0], [0, 0, 0], [1, 3, 4]]
     assert rows.present.tolist() == [[True, False, False], [False] * 3, [True] * 3] and rows.count.tolist() == [1, 0, 3]

@@ -16,7 +16,7 @@ from learning.report.report import SCALE, STYLE, write_report
 from learning.report.table import COLUMNS, KINDS, TABLES, headline
 from physics.mesh.build import build_mesh
 from physics.scene import Body
-from physics.view import Exhibit, Motion, section
+from physics.view import Animation, Exhibit, section
 from tests.rows import CASES, report, row, rows
 
 OUTSIDE = {"0003": {"material law": math.inf, "steps": 0.125}, "0007": {}, "0011": {"steps": 0.0625}}
@@ -135,7 +135,7 @@ def test_the_page_opens_offline_with_its_pictures_inside(written):
 
 def test_what_is_turned_by_hand_stands_between_the_tables_and_the_pictures(tmp_path):
     mesh = build_mesh(Body(length=0.1, width=0.02, height=0.02, cells=(2, 1, 1)))
-    exhibit = Exhibit(title="trajectory 0003", mesh=mesh, motions={"M4GN": Motion(displacement=np.zeros((2, 12, 3)))}, frames=["0", "1"])
+    exhibit = Exhibit(title="trajectory 0003", mesh=mesh, motions={"M4GN": Animation(displacement=np.zeros((2, 12, 3)))}, frames=["0", "1"])
     for name, _ in PICTURES:
         (tmp_path / name).write_bytes(b"picture")
     write_report(tmp_path, full(), [exhibit])

@@ -10,7 +10,7 @@ import pytest
 
 from datagen.files.trajectory import INFLOW, NORMAL, WALL
 from learning.samples import seen as module
-from learning.samples.seen import FILE, Seen, description, outside, read_seen, seen, write_seen
+from learning.samples.seen import FILE, SeenRange, description, outside, read_seen, seen, write_seen
 from physics.scene import Where
 from physics.schema import InputError
 from tests.flows import channel_flow
@@ -101,7 +101,7 @@ def test_of_several_obstacles_none_has_a_path_and_of_several_materials_the_stiff
 def test_ranges_are_of_those_that_have_a_quantity(monkeypatch):
     told = iter([{"a": 3.0, "word": "red"}, {"a": -1.0, "b": 5.0, "word": "blue"}, {"a": 2.0, "word": "red"}])
     monkeypatch.setattr(module, "description", lambda _: next(told))
-    assert seen([1, 2, 3]) == Seen({"a": (-1.0, 3.0), "b": (5.0, 5.0)}, {"word": ("blue", "red")}, 3)
+    assert seen([1, 2, 3]) == SeenRange({"a": (-1.0, 3.0), "b": (5.0, 5.0)}, {"word": ("blue", "red")}, 3)
 
 
 @pytest.mark.parametrize("span, value, beyond", [
@@ -112,13 +112,13 @@ def test_ranges_are_of_those_that_have_a_quantity(monkeypatch):
     ((-1.0 - 0.9e-6, -1.0), 0.0, 1.0), ((0.0, 0.0), 3.0, 3.0), ((-2.0, 2.0), 6.0, 1.0)])
 def test_by_how_much_a_value_is_outside(span, value, beyond, monkeypatch):
     monkeypatch.setattr(module, "description", lambda _: {"known": value, "unknown": 1e9, "new word": "any", "word": "red"})
-    found = outside(None, Seen({"known": span}, {"word": ("blue", "red")}, 2))
+    found = outside(None, SeenRange({"known": span}, {"word": ("blue", "red")}, 2))
     assert found == ({} if beyond is None else {"known": pytest.approx(beyond, rel=1e-4)})
 
 
 def test_the_farthest_outside_comes_first(monkeypatch):
     monkeypatch.setattr(module, "description", lambda _: {"a": 2.0, "b": 4.0, "word": "green", "c": 3.0})
-    found = outside(None, Seen(dict.fromkeys("abc", (0.0, 1.0)), {"word": ("blue", "red")}, 2))
+    found = outside(None, SeenRange(dict.fromkeys("abc", (0.0, 1.0)), {"word": ("blue", "red")}, 2))
     assert list(found.items()) == [("word", math.inf), ("b", 3.0), ("c", 2.0), ("a", 1.0)]
 
 

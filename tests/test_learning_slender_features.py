@@ -9,7 +9,7 @@ import torch
 from learning.slender.beam import see
 from learning.slender.features import look, obstacle_of, shown
 from learning.slender.theory import Bar
-from learning.slender.touch import Obstacle, press
+from learning.slender.touch import Indenter, press
 from tests.slender import scene
 
 SPHERE = {"cells": (20, 5, 4), "path": ((0.08, 0.0125, 0.036), (0.081, 0.0147, 0.022))}
@@ -117,7 +117,7 @@ def test_an_obstacle_is_told_by_where_it_first_touches_in_its_groove():
     beam = see(scene(**SPHERE))
     told = obstacle_of(beam)
     touched = 1.5e-3 + (0.036 - 0.034) / 0.014 * 2.2e-3
-    assert told == Obstacle(0.01, True, 0.0, told.first, beam.row, told.nodes)
+    assert told == Indenter(0.01, True, 0.0, told.first, beam.row, told.nodes)
     assert (told.nodes, told.first, told.row) == (pytest.approx(2.2e-3), pytest.approx((touched - 2.2e-3) / 2.2e-3), pytest.approx(2.2e-3))
     cylinder = obstacle_of(see(scene(**CYLINDER)))
     assert cylinder.turn == pytest.approx(math.atan(0.2)) and cylinder.radius == 0.012 and not cylinder.round
@@ -127,7 +127,7 @@ def test_many_paths_are_seen_as_each_of_them_alone():
     beam = see(scene(**SPHERE))
     centres = torch.as_tensor(beam.centre(np.array([0.2, 0.5, 0.9])))
     one, told = look(beam, centres), obstacle_of(beam)
-    each = Obstacle(torch.full((3,), told.radius, dtype=torch.float64), True, torch.zeros(3, dtype=torch.float64),
+    each = Indenter(torch.full((3,), told.radius, dtype=torch.float64), True, torch.zeros(3, dtype=torch.float64),
                     torch.full((3,), told.first, dtype=torch.float64), told.row, torch.full((3,), told.nodes, dtype=torch.float64))
     other = look(beam, centres, each)
     for name, value in vars(one).items():

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from learning.slender.theory import Bar
-from learning.slender.touch import Obstacle, groove_law, held, press
+from learning.slender.touch import Indenter, groove_law, held, press
 
 BAR = Bar(0.2, 0.03, 0.02, 0.3, False)
 X = torch.linspace(0, 0.2, 41, dtype=torch.float64)
@@ -18,7 +18,7 @@ def pressed(obstacle, *, across=0.0, depth=1e-4, along=0.15, bar=BAR):
 
 
 def test_the_touched_place_goes_down_by_the_depth_less_the_indentation():
-    for obstacle in (Obstacle(0.01, True, first=0.4, row=0.003), Obstacle(0.01, False)):
+    for obstacle in (Indenter(0.01, True, first=0.4, row=0.003), Indenter(0.01, False)):
         bent = pressed(obstacle)
         assert bent.depth.item() == pytest.approx(1e-4)
         # the iteration halves what it is off by, eight times; the beam turns by 1e-3, which lifts the touch by 1e-8 m
@@ -28,13 +28,13 @@ def test_the_touched_place_goes_down_by_the_depth_less_the_indentation():
 
 
 def test_a_sphere_sinks_in_as_hertz_says_halved_and_a_cylinder_as_a_column_would():
-    sphere, cylinder = pressed(Obstacle(0.01, True, first=0.4, row=0.003)), pressed(Obstacle(0.01, False))
+    sphere, cylinder = pressed(Indenter(0.01, True, first=0.4, row=0.003)), pressed(Indenter(0.01, False))
     for bent, asked in ((sphere, lambda f: 0.5 * (0.75 * f / math.sqrt(0.01)) ** (2 / 3)), (cylinder, lambda f: f / 0.03)):
         assert bent.indentation.item() == pytest.approx(asked(0.91 * bent.force.item() * BAR.second_moment), rel=0.02)
 
 
 def test_where_nothing_touches_nothing_moves():
-    for obstacle in (Obstacle(0.01, True, first=0.4, row=0.003), Obstacle(0.01, False, turn=0.2)):
+    for obstacle in (Indenter(0.01, True, first=0.4, row=0.003), Indenter(0.01, False, turn=0.2)):
         bent = pressed(obstacle, depth=-1e-3)
         for name in ("depth", "push", "force", "deflection", "rotation", "drawn_in", "aside", "turn"):
             assert not getattr(bent, name).any(), name
@@ -42,7 +42,7 @@ def test_where_nothing_touches_nothing_moves():
 
 def test_a_turned_cylinder_lies_flat_on_the_beam_and_pushes_it_aside():
     turn = 0.2
-    bent = pressed(Obstacle(0.01, False, turn), depth=0.01)
+    bent = pressed(Indenter(0.01, False, turn), depth=0.01)
     slope = bent.slope
     at = int(abs(X - bent.touch).argmin())
     # the cylinder's axis (sin g, cos g, 0) lies in the face that cos q (1, 0, 0) - sin q (0, 0, 1) and (0, cos f, -sin f) span
@@ -53,18 +53,18 @@ def test_a_turned_cylinder_lies_flat_on_the_beam_and_pushes_it_aside():
     ratio = bent.aside[0, at] / bent.deflection[0, at]
     stiffer = (BAR.height / BAR.width) ** 2  # to the side the beam is (w / h)^2 times as stiff; shear adds a per cent to either
     assert ratio.item() == pytest.approx(math.tan(slope) * math.tan(turn) * stiffer, rel=0.03)
-    straight = pressed(Obstacle(0.01, False), depth=0.01)
+    straight = pressed(Indenter(0.01, False), depth=0.01)
     assert not straight.aside.any() and not straight.turn.any()
 
 
 def test_a_sphere_over_the_middle_of_a_groove_in_the_middle_of_a_beam_moves_nothing_aside():
-    bent = pressed(Obstacle(0.02, True, row=0.0005), depth=0.005)  # so wide a touch that it feels ridges alone
+    bent = pressed(Indenter(0.02, True, row=0.0005), depth=0.005)  # so wide a touch that it feels ridges alone
     assert bent.width.item() > 0.0005
     assert not bent.aside.any() and not bent.turn.any() and not bent.lean.any()
 
 
 def test_a_narrow_touch_holds_the_beam_where_it_lies_in_its_groove():
-    obstacle = Obstacle(0.01, True, first=0.4, row=0.003)
+    obstacle = Indenter(0.01, True, first=0.4, row=0.003)
     bent = pressed(obstacle, across=0.4 * 0.003, depth=0.002)
     at = int(abs(X - bent.touch).argmin())
     # e - y - H f is z in distances of rows; the section nearest to the touch is up to 2.5 mm away
@@ -75,8 +75,8 @@ def test_a_narrow_touch_holds_the_beam_where_it_lies_in_its_groove():
 
 
 def test_a_mirrored_press_gives_the_mirrored_answer():
-    here = pressed(Obstacle(0.01, True, first=0.4, row=0.003), across=0.002, depth=0.01)
-    there = pressed(Obstacle(0.01, True, first=-0.4, row=0.003), across=-0.002, depth=0.01)
+    here = pressed(Indenter(0.01, True, first=0.4, row=0.003), across=0.002, depth=0.01)
+    there = pressed(Indenter(0.01, True, first=-0.4, row=0.003), across=-0.002, depth=0.01)
     assert torch.equal(here.deflection, there.deflection)
     for name in ("aside", "turn", "lean", "pull", "lies"):
         assert torch.allclose(getattr(here, name), -getattr(there, name), rtol=1e-12, atol=1e-18) and getattr(here, name).any(), name

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from learning.slender.theory import Bar
-from learning.slender.touch import TORN, Obstacle, first_touch, groove, groove_law, held, press, torn_apart
+from learning.slender.touch import TORN, Indenter, first_touch, groove, groove_law, held, press, torn_apart
 
 BARS = (Bar(0.2, 0.03, 0.02, 0.3, False), Bar(0.2, 0.03, 0.02, 0.3, True))
 X = torch.tensor([0.0, 0.05, 0.14, 0.2], dtype=torch.float64)
@@ -58,8 +58,8 @@ def plain(bar, obstacle, centre):
 
 
 @pytest.mark.parametrize("bar", BARS, ids=["clamped", "at both ends"])
-@pytest.mark.parametrize("obstacle", [Obstacle(0.01, True, first=0.4, row=0.003), Obstacle(0.015, True, first=-0.2, row=0.001, nodes=0.002),
-                                      Obstacle(0.012, False, 0.25)], ids=["sphere", "larger", "cylinder"])
+@pytest.mark.parametrize("obstacle", [Indenter(0.01, True, first=0.4, row=0.003), Indenter(0.015, True, first=-0.2, row=0.001, nodes=0.002),
+                                      Indenter(0.012, False, 0.25)], ids=["sphere", "larger", "cylinder"])
 @pytest.mark.parametrize("centre", [(0.15, 0.0015, 0.019), (0.06, -0.002, 0.0215), (0.3, 0.0, 0.018), (0.12, 0.001, 0.035)])
 def test_one_pose_is_that_of_the_equations(bar, obstacle, centre):
     bent = press(X, one([centre]), obstacle, bar)
@@ -146,7 +146,7 @@ def test_a_pose_is_at_a_jump_where_it_has_jumped_and_where_it_may_have():
     """A sphere on a tall beam, from its middle to 10 mm beside it: it moves on to the next groove, about there it may have."""
     beside = torch.linspace(0.0, 0.01, 401, dtype=torch.float64)
     centre = torch.stack([torch.full_like(beside, 0.18), beside, torch.full_like(beside, 0.001)], dim=1)
-    bent = press(X, centre, Obstacle(0.01, True, 0.0, 0.3, 0.003, 0.0), Bar(0.2, 0.02, 0.03, 0.3, False))
+    bent = press(X, centre, Indenter(0.01, True, 0.0, 0.3, 0.003, 0.0), Bar(0.2, 0.02, 0.03, 0.3, False))
     jumped = held(bent.pull + 2 * bent.groove, bent.hold, bent.width / 0.003, 0.3)[3]
     assert torch.equal(bent.jumps, jumped | (bent.torn > TORN))
     assert jumped.any() and (bent.jumps & ~jumped).any() and not bent.jumps.all()
@@ -161,7 +161,7 @@ def test_an_obstacle_that_touches_at_the_start_touches_there_even_if_it_stays_or
 
 
 def test_an_obstacle_of_which_no_more_is_told_lies_straight_over_a_row_of_nodes_in_rows_of_one():
-    assert Obstacle(0.01, True) == Obstacle(0.01, True, turn=0.0, first=0.0, row=1.0, nodes=0.0)
+    assert Indenter(0.01, True) == Indenter(0.01, True, turn=0.0, first=0.0, row=1.0, nodes=0.0)
 
 
 STUBBY = (Bar(0.2, 0.03, 0.02, 0.3, False), Bar(0.02, 0.03, 0.02, 0.3, True))
@@ -171,7 +171,7 @@ STUBBY = (Bar(0.2, 0.03, 0.02, 0.3, False), Bar(0.02, 0.03, 0.02, 0.3, True))
 @pytest.mark.parametrize("along", [-0.01, 0.0, 0.0003, 0.004, 0.01, 0.0199, 0.03])
 def test_near_a_held_end_it_touches_a_thousandth_of_the_length_from_it_and_sinks_in_by_half_at_most(bar, along):
     """Where the beam gives least the obstacle enters it instead."""
-    obstacle = Obstacle(0.01, False)
+    obstacle = Indenter(0.01, False)
     bent = press(X, one([[along, 0.0, 0.0195]]), obstacle, bar)
     told = [each.item() for each in (bent.touch, bent.push, bent.slope, bent.force, bent.indentation)]
     assert told == pytest.approx(plain(bar, obstacle, (along, 0.0, 0.0195)), rel=1e-9, abs=1e-15)
@@ -185,7 +185,7 @@ def test_a_beam_on_its_edge_that_would_roll_over_turns_as_if_a_tenth_of_its_stif
     """30 mm high and 6 mm wide, pressed by 8 mm: it bends sideways farther than the lever is long, and 1 + T F (H - B F) is negative."""
     bar, b = Bar(0.2, 0.006, 0.03, 0.3, False), 0.003
     for depth, left in ((0.008, 0.1), (0.0005, None)):
-        bent = press(X, one([[0.15, 0.0005, 0.025 - depth]]), Obstacle(0.01, True, first=0.1, row=b), bar)
+        bent = press(X, one([[0.15, 0.0005, 0.025 - depth]]), Indenter(0.01, True, first=0.1, row=b), bar)
         a, force = bent.touch, bent.force.item()
         sideways, twist = Bar(0.2, 0.03, 0.006, 0.3, False).bend(a, a)[0].item() * 25, bar.twist(a, a).item()
         lever = 0.025 - sideways * force

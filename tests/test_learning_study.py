@@ -19,8 +19,8 @@ from learning.networks.rivals.mgn import MGNConfig
 from learning.study import work
 from learning.study.plan import FOLDER, SIZES, Trial, load_plan
 from learning.study.run import run_study
-from learning.study.table import Cell, check_published, gathered, markdown
-from learning.study.work import Job, carried_out, step_memory, step_ms, still
+from learning.study.table import Score, check_published, gathered, markdown
+from learning.study.work import Training, carried_out, step_memory, step_ms, still
 from learning.training import train as loop
 from physics.schema import InputError
 from tests.five_nodes import square_flow, write_set
@@ -175,7 +175,7 @@ def test_the_plates_of_the_paper_are_trained_as_there():
 
 def jobs_in(folder, plan, data, seeds=1):
     tests = tuple((test, data) for test in plan.tests)
-    return {(row.name, seed): Job(folder / row.name / str(seed), replace(row.config, seed=seed), data, tests)
+    return {(row.name, seed): Training(folder / row.name / str(seed), replace(row.config, seed=seed), data, tests)
             for row in plan.rows for seed in range(seeds)}
 
 
@@ -263,7 +263,7 @@ def told(tmp_path, errors, seconds=1.0):
 def test_means_deviations_and_published_figures_stand_in_the_table(tmp_path):
     found = told(tmp_path, [[1e-3, 2e-3, 3e-3], [4e-3, 4e-3, 4e-3]])
     cells = found.cells["plain"]["as trained on"]
-    assert cells["rmse_all"] == Cell(pytest.approx(2e-3), pytest.approx(1e-3), 3, (2e-3, 5e-4))  # the sample's deviation of 1, 2, 3
+    assert cells["rmse_all"] == Score(pytest.approx(2e-3), pytest.approx(1e-3), 3, (2e-3, 5e-4))  # the sample's deviation of 1, 2, 3
     assert cells["valid_equal"].mean == pytest.approx(3e-3)  # the quickest is done at 1 s, before the second validation
     lines = markdown(found).splitlines()
     head = next(line for line in lines if "RMSE-all [mm]" in line).split("|")

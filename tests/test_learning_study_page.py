@@ -11,16 +11,16 @@ from PIL import Image
 from learning.config import TrainConfig
 from learning.study import page
 from learning.study.page import COLOURS, curves, write_page
-from learning.study.plan import Data, Plan, Row, Trial
-from learning.study.table import FIGURE, Cell, Result
+from learning.study.plan import Data, Line, Plan, Trial
+from learning.study.table import FIGURE, Result, Score
 from physics.fidelity.figures import FIGURES
 
 
 def result_of(drawn, **words):
     plan = Plan(**{"title": "A & B", "about": "", "source": "", "size": "small"} | words, seeds=2,
-                rows=tuple(Row(name, TrainConfig(), {}) for name in drawn), tests=(Trial("one <t>", "data"), Trial("two", "data")),
+                rows=tuple(Line(name, TrainConfig(), {}) for name in drawn), tests=(Trial("one <t>", "data"), Trial("two", "data")),
                 sets={"data": ({}, Data(family="demo", train=1))})
-    cells = {name: {test.name: {FIGURE: Cell(1e-3 * (k + 1), 0.0, 2)} for test in plan.tests} for k, name in enumerate(drawn)}
+    cells = {name: {test.name: {FIGURE: Score(1e-3 * (k + 1), 0.0, 2)} for test in plan.tests} for k, name in enumerate(drawn)}
     return Result(plan, {FIGURE: FIGURES[FIGURE]}, cells, {}, drawn)
 
 

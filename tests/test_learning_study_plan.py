@@ -6,7 +6,7 @@ import re
 import pytest
 
 from learning.networks.m4gn import M4GNConfig
-from learning.study.plan import FOLDER, Data, Trial, family_of, load_plan, merged, slug, study_file
+from learning.study.plan import FOLDER, Data, Trial, family_of, load_plan, slug, study_file
 from physics.schema import InputError
 
 ROW = '[[row]]\nname = "one"\n'
@@ -98,14 +98,6 @@ def test_a_study_is_a_file_or_the_name_of_one_of_the_package():
     assert study_file("main") == FOLDER / "main.toml"
     with pytest.raises(InputError, match=r"^no study 'mainn': give a \.toml file or one of .*main.*did you mean 'main'"):
         study_file("mainn")
-
-
-def test_tables_lie_one_over_the_other_those_in_them_too():
-    below = {"a": 1, "b": {"c": 1, "d": {"e": 1}}, "f": {"g": 1}}
-    assert merged(below, {"b": {"d": {"h": 2}}, "f": 3, "i": {"j": 4}}) == {
-        "a": 1, "b": {"c": 1, "d": {"e": 1, "h": 2}}, "f": 3, "i": {"j": 4}}
-    assert merged(below, {"a": {"k": 5}})["a"] == {"k": 5}
-    assert below == {"a": 1, "b": {"c": 1, "d": {"e": 1}}, "f": {"g": 1}} and merged() == {}
 
 
 def test_a_chain_of_five_studies_ends_and_one_of_six_is_taken_for_a_ring(tmp_path):

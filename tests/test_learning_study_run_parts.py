@@ -10,13 +10,13 @@ import pytest
 
 from learning.config import Outputs, TrainConfig
 from learning.study import run
-from learning.study.plan import Data, Plan, Row, Trial
-from learning.study.table import Cell
+from learning.study.plan import Data, Line, Plan, Trial
+from learning.study.table import Score
 from physics.schema import InputError
 
 
 def plan_of(**changes):
-    parts = {"title": "T", "about": "", "source": "", "size": "check", "seeds": 1, "rows": (Row("a", TrainConfig(), {}),),
+    parts = {"title": "T", "about": "", "source": "", "size": "check", "seeds": 1, "rows": (Line("a", TrainConfig(), {}),),
              "tests": (Trial("here", "data"), Trial("there", "far")),
              "sets": {"data": ({"k": 1}, Data(family="demo", train=2, seed=3)), "far": ({"k": 2}, Data(family="beam-small"))}}
     return Plan(**parts | changes)
@@ -85,7 +85,7 @@ def test_sets_are_made_but_for_that_which_is_given(tmp_path, data):
 
 def test_sets_have_stress_where_a_row_predicts_it(tmp_path, data):
     for name, stress in (("von_mises", True), ("stress", True), ("other", False)):
-        row = Row("b", TrainConfig(outputs=Outputs(fields=(name,))), {})
+        row = Line("b", TrainConfig(outputs=Outputs(fields=(name,))), {})
         run._sets(plan_of(rows=(*plan_of().rows, row)), tmp_path, None, 1, str)
         assert [asked[3]["stress"] for asked in data[-2:]] == [stress, stress]
 
@@ -173,12 +173,12 @@ def test_a_bar_tells_how_far_all_trainings_are(tmp_path, monkeypatch):
 
 
 def test_the_figures_of_each_row_are_given_as_numbers():
-    cells = {"a": {"t": {"mc": Cell(1.0, 2.0, 3)}}}
+    cells = {"a": {"t": {"mc": Score(1.0, 2.0, 3)}}}
     assert run._rows(SimpleNamespace(cells=cells)) == {"a": {"t": {"mc": {"mean": 1.0, "deviation": 2.0, "seeds": 3}}}}
 
 
 def test_a_study_has_a_training_for_each_seed_and_row_first_seeds_first(tmp_path, data, monkeypatch):
-    rows = (Row("a / b", TrainConfig(steps=3), {}), Row("c", TrainConfig(steps=4), {}))
+    rows = (Line("a / b", TrainConfig(steps=3), {}), Line("c", TrainConfig(steps=4), {}))
     plan, spread, written = plan_of(rows=rows, seeds=2), [], []
     monkeypatch.setattr(run, "load_plan", lambda path, size: plan)
     monkeypatch.setattr(run, "still", lambda paths: {})

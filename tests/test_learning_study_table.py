@@ -7,13 +7,14 @@ from pathlib import Path
 import pytest
 
 from learning.config import TrainConfig
-from learning.study.plan import Data, Plan, Row, Trial
+from learning.prediction.rivals import STILL
+from learning.study.plan import Data, Line, Plan, Trial
 from learning.study.table import (
     COST,
     ERRORS,
     FIGURE,
-    Cell,
     Result,
+    Score,
     check_published,
     facts,
     gathered,
@@ -21,7 +22,7 @@ from learning.study.table import (
     table_csv,
     write_tables,
 )
-from learning.study.work import STILL, Job
+from learning.study.work import Training
 from physics.fidelity.figures import FIGURES
 from physics.schema import InputError
 
@@ -31,7 +32,7 @@ NONE = (math.nan, math.nan)
 def plan_of(*rows, tests=("here", "there"), seeds=2, **words):
     """A plan of rows (name, published)."""
     said = {"title": "A study", "about": "", "source": "", "size": "small"} | words
-    return Plan(**said, seeds=seeds, rows=tuple(Row(name, TrainConfig(), published) for name, published in rows),
+    return Plan(**said, seeds=seeds, rows=tuple(Line(name, TrainConfig(), published) for name, published in rows),
                 tests=tuple(Trial(name, "data") for name in tests),
                 sets={"data": ({}, Data(family="demo", train=3, valid=2, test=1)), "far": ({}, Data(family="beam-small", test=4))})
 
@@ -39,7 +40,7 @@ def plan_of(*rows, tests=("here", "there"), seeds=2, **words):
 def left(folder: Path, plan, row, seed, seconds, curve, *scores, **trained):
     """A training that is done, with scores of every test."""
     tests = tuple((test, folder) for test in plan.tests)
-    job = Job(folder / row / str(seed), TrainConfig(), folder, tests)
+    job = Training(folder / row / str(seed), TrainConfig(), folder, tests)
     (job.folder / "run").mkdir(parents=True)
     took = {"seconds": seconds, "parameters": 1500, "step_ms": 4.0, "memory": 3e6} | trained
     (job.folder / "trained.json").write_text(json.dumps(took))
@@ -65,7 +66,7 @@ def found(tmp_path):
         ("a", 0): left(tmp_path, plan, "a", 0, 36.0, curve, {"rmse_all": 1e-3, "mc": None, "ms_per_step_alone": 2.0, "extra": 1.0},
                        {"rmse_all": 3e-3, "mc": 0.25, "rmse_all:stress": 5.0}),
         ("b", 0): left(tmp_path, plan, "b", 0, 100.0, curve[:1], {"rmse_all": None}, {}, step_ms=8.0),
-        ("c", 0): Job(tmp_path / "c" / "0", TrainConfig(), tmp_path, tuple((test, tmp_path) for test in plan.tests)),
+        ("c", 0): Training(tmp_path / "c" / "0", TrainConfig(), tmp_path, tuple((test, tmp_path) for test in plan.tests)),
         ("a", 1): left(tmp_path, plan, "a", 1, 72.0, curve[1:], {"rmse_all": 4e-3, "mc": None, "ms_per_step_alone": 3.0, "extra": 1.0},
                        {"rmse_all": 3e-3, "mc": 0.75, "rmse_all:stress": 9.0}, parameters=1501, memory=5e6),
         ("b", 1): left(tmp_path, plan, "b", 1, 101.0, [], {"rmse_all": None}, {"rmse_all": 8e-3})}
@@ -115,7 +116,7 @@ def test_columns_are_those_in_which_anything_is_known_or_published(found):
 
 def test_a_study_of_which_nothing_is_done_has_a_table(tmp_path):
     plan = plan_of(("a", {}))
-    job = Job(tmp_path / "a", TrainConfig(), tmp_path, tuple((test, tmp_path) for test in plan.tests))
+    job = Training(tmp_path / "a", TrainConfig(), tmp_path, tuple((test, tmp_path) for test in plan.tests))
     empty = gathered(plan, {("a", 0): job}, {"here": {}, "there": {}})
     assert empty.columns == {} and empty.apart("here") == [] and empty.table("here") == [["a"], [STILL]]
 
@@ -147,25 +148,25 @@ def result(*cells, seeds=2):
     """A result of rows of one figure."""
     plan = plan_of(*((name, {}) for name in "abcd"[:len(cells)]), tests=("t",), seeds=seeds)
     rows = {name: {"t": {FIGURE: cell}} for name, cell in zip("abcd", cells, strict=False)}
-    return Result(plan, {FIGURE: FIGURES[FIGURE]}, rows | {STILL: {"t": {FIGURE: Cell(0.0, math.nan, 1)}}}, {}, {})
+    return Result(plan, {FIGURE: FIGURES[FIGURE]}, rows | {STILL: {"t": {FIGURE: Score(0.0, math.nan, 1)}}}, {}, {})
 
 
 @pytest.mark.parametrize("other, said", [
     # Two standard errors of the difference of means of n = 2 seeds, both variances 1.4^2 mm^2: 2 sqrt(2 * 1.96 / 2) = 2.8 mm
-    (Cell(3.81e-3, 1.4e-3, 2), "b has 2.81 mm more than a: more than two standard errors of 2 seeds each."),
-    (Cell(3.79e-3, 1.4e-3, 2), "b has 2.79 mm more than a, which 2 seeds each cannot tell from chance; some 3 would."),
-    (Cell(2e-3, 1.4e-3, 3), "b has 1 mm more than a, which 2 seeds each cannot tell from chance; some 16 would."),
-    (Cell(1.5e-3, 2.8e-3, 2), "b has 0.5 mm more than a, which 2 seeds each cannot tell from chance; some 157 would."),
-    (Cell(1.0041e-3, 1.4e-3, 2), "b has 0.0041 mm more than a, which 2 seeds each cannot tell from chance; some 932779 would."),
-    (Cell(1.0039e-3, 1.4e-3, 2), "b has 0.0039 mm more than a, which 2 seeds each cannot tell from chance."),
-    (Cell(1e-3, 0.0, 2), "b has 0 mm more than a, which 2 seeds each cannot tell from chance."),
-    (Cell(2e-3, math.nan, 1), "b has 1 mm more than a; one seed does not say whether that is more than chance.")])
+    (Score(3.81e-3, 1.4e-3, 2), "b has 2.81 mm more than a: more than two standard errors of 2 seeds each."),
+    (Score(3.79e-3, 1.4e-3, 2), "b has 2.79 mm more than a, which 2 seeds each cannot tell from chance; some 3 would."),
+    (Score(2e-3, 1.4e-3, 3), "b has 1 mm more than a, which 2 seeds each cannot tell from chance; some 16 would."),
+    (Score(1.5e-3, 2.8e-3, 2), "b has 0.5 mm more than a, which 2 seeds each cannot tell from chance; some 157 would."),
+    (Score(1.0041e-3, 1.4e-3, 2), "b has 0.0041 mm more than a, which 2 seeds each cannot tell from chance; some 932779 would."),
+    (Score(1.0039e-3, 1.4e-3, 2), "b has 0.0039 mm more than a, which 2 seeds each cannot tell from chance."),
+    (Score(1e-3, 0.0, 2), "b has 0 mm more than a, which 2 seeds each cannot tell from chance."),
+    (Score(2e-3, math.nan, 1), "b has 1 mm more than a; one seed does not say whether that is more than chance.")])
 def test_rows_are_told_apart_by_two_standard_errors(other, said):
-    assert result(Cell(1e-3, 1.4e-3, 2), other).apart("t") == [said]
+    assert result(Score(1e-3, 1.4e-3, 2), other).apart("t") == [said]
 
 
 def test_every_row_is_held_against_the_best_and_those_without_an_error_against_none():
-    first, second, none, best = Cell(3e-3, 0.0, 2), Cell(4e-3, 0.0, 2), Cell(math.nan, math.nan, 0), Cell(1e-3, 0.0, 2)
+    first, second, none, best = Score(3e-3, 0.0, 2), Score(4e-3, 0.0, 2), Score(math.nan, math.nan, 0), Score(1e-3, 0.0, 2)
     said = result(first, second, none, best).apart("t")
     assert [line.split(":")[0] for line in said] == ["a has 2 mm more than d", "b has 3 mm more than d"]
     assert result(first, none).apart("t") == []
@@ -186,7 +187,7 @@ def test_the_facts_of_a_study():
 
 def test_table_md_and_table_csv(tmp_path):
     """One row with a published figure beside it, and nothing moves; SI units with nine digits in the second."""
-    found = result(Cell(1e-3 / 3, 2e-3, 2, (0.5e-3, math.nan)), Cell(math.nan, math.nan, 0))
+    found = result(Score(1e-3 / 3, 2e-3, 2, (0.5e-3, math.nan)), Score(math.nan, math.nan, 0))
     write_tables(tmp_path, found)
     assert (tmp_path / "table.md").read_text() == markdown(found) == "\n".join([
         "# A study", "", facts(found.plan), "", "## Tested on: t", "", "|  | RMSE-all [mm] |", "| --- | ---: |",
@@ -199,7 +200,7 @@ def test_table_md_and_table_csv(tmp_path):
     told = markdown(Result(plan_of(("a", {}), tests=("t",), about="What for."), found.columns, found.cells, {}, {})).split("\n")
     assert told[:6] == ["# A study", "", "What for.", "", facts(found.plan), ""]
     assert "- b has" not in "\n".join(told)
-    apart = markdown(result(Cell(1e-3, 0.0, 2), Cell(2e-3, 0.0, 2))).split("\n")
+    apart = markdown(result(Score(1e-3, 0.0, 2), Score(2e-3, 0.0, 2))).split("\n")
     assert apart[11:13] == ["", "- b has 1 mm more than a: more than two standard errors of 2 seeds each."]
 
 

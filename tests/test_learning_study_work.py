@@ -11,7 +11,7 @@ from learning.graphs.layout import Layout
 from learning.networks.m4gn import M4GNConfig
 from learning.study import work
 from learning.study.plan import Trial
-from learning.study.work import Job, carried_out, figures, spent, step_ms, still, write_json
+from learning.study.work import Training, carried_out, figures, spent, step_ms, still, write_json
 from tests.five_nodes import write_set
 from tests.networks import SMALL
 from tests.synthetic import bending
@@ -22,7 +22,7 @@ def job(tmp_path):
     tests = ((Trial("as trained / on", "data"), tmp_path / "data"), (Trial("far", "far", {"segments": 4}), tmp_path / "far"))
     for folder in ("data/train", "data/valid", "data/test", "far/test"):
         (tmp_path / folder).mkdir(parents=True)
-    return Job(tmp_path / "job", TrainConfig(segments=9, network=M4GNConfig()), tmp_path / "data", tests, "a device")
+    return Training(tmp_path / "job", TrainConfig(segments=9, network=M4GNConfig()), tmp_path / "data", tests, "a device")
 
 
 @pytest.fixture

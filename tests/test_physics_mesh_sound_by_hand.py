@@ -8,7 +8,7 @@ import pytest
 
 from physics.mesh.cell import CELLS
 from physics.mesh.files import _mesh
-from physics.mesh.formats.raw import VTK_MIDDLES, Block, Raw
+from physics.mesh.formats.raw import VTK_MIDDLES, CellBlock, Raw
 from physics.mesh.shapes.boxes import box
 from physics.mesh.sound import cells as sound
 from physics.mesh.sound import curved, fit
@@ -140,7 +140,7 @@ def one_curved(off, kind="triangle", more=()):
     middle = np.array([x[list(local)].mean(axis=0) for local in VTK_MIDDLES[kind]])
     middle[0, 1] -= off * 4.0
     nodes = np.arange(len(x) + len(middle))[None]
-    return Raw(np.concatenate([x, middle, *more]), [Block(kind, nodes, None, VTK_MIDDLES[kind])])
+    return Raw(np.concatenate([x, middle, *more]), [CellBlock(kind, nodes, None, VTK_MIDDLES[kind])])
 
 
 @pytest.mark.parametrize("kind", ["triangle", "quadrilateral", "hexahedron"])
@@ -160,15 +160,16 @@ def test_a_side_is_curved_from_thirty_millionths_of_its_length(kind):
 def test_further_nodes_of_lines_and_of_other_kinds_of_sides_are_no_middles():
     """Of a body's own cells they are; those of cells of lower dimension count for nothing, not even a remark."""
     raw = one_curved(0.0)
-    line = Block("line", np.array([[0, 1, 3]]), None, VTK_MIDDLES["line"])
-    assert _mesh(Raw(raw.points, [line, Block("triangle", raw.blocks[0].nodes[:, :3])]), 2, 1.0).remarks == ("2 nodes of no cell left out",)
-    unknown = Block("triangle", raw.blocks[0].nodes, None, ())
+    line = CellBlock("line", np.array([[0, 1, 3]]), None, VTK_MIDDLES["line"])
+    without = Raw(raw.points, [line, CellBlock("triangle", raw.blocks[0].nodes[:, :3])])
+    assert _mesh(without, 2, 1.0).remarks == ("2 nodes of no cell left out",)
+    unknown = CellBlock("triangle", raw.blocks[0].nodes, None, ())
     assert _mesh(Raw(raw.points, [line, unknown]), 2, 1.0).remarks == ("cells of second order: their sides are taken as straight",)
     bad = raw.points.copy()
     bad[4, 0] = np.nan
     with pytest.raises(InputError, match="node coordinates that are not finite"):
         _mesh(Raw(bad, raw.blocks), 2, 1.0)
-    two = Block("triangle", np.array([[1, 6, 2, 7, 8, 9]]), None, VTK_MIDDLES["triangle"])
+    two = CellBlock("triangle", np.array([[1, 6, 2, 7, 8, 9]]), None, VTK_MIDDLES["triangle"])
     for off, words in ((2.9e-5, None), (3.1e-5, "two cells have different middle nodes")):
         length = np.sqrt(2) * 4
         more = np.array([[4, 4, 0], [4, 2, 0], [2, 4, 0], [2 - off * 4, 2, 0]], float)

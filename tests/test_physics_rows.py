@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physics.equilibrium.balance import Balance
-from physics.linalg.rows import Rows
+from physics.linalg.rows import MatrixRows
 from physics.mesh.build import build_mesh
 from tests import dense
 from tests.scenes import beam
@@ -20,7 +20,7 @@ def shared(request):
     scene = beam(body={"length": 0.03, "width": 0.06, "height": 0.02, "cells": [2, 4, 1], "cell": "hexahedron"}, support=SUPPORT)
     body = Balance(scene, build_mesh(scene.body)).elasticity
     u = np.where(body.fixed, 0, np.random.default_rng(0).uniform(-2e-4, 2e-4, body.fixed.shape))
-    parts = [Rows(body, SimpleNamespace(size=request.param, rank=rank)) for rank in range(request.param)]
+    parts = [MatrixRows(body, SimpleNamespace(size=request.param, rank=rank)) for rank in range(request.param)]
     return body, u, parts
 
 

@@ -9,7 +9,7 @@ from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.scene import Body, Material
 from physics.view.drawing import ObstacleSurface, feature_edges
-from physics.view.exhibit import FRAMES, Exhibit, Motion, at_nodes, mode_exhibit, path_exhibit, stored
+from physics.view.exhibit import FRAMES, Animation, Exhibit, at_nodes, mode_exhibit, path_exhibit, stored
 
 MESH = build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=(5, 2, 3)))
 BOX = build_mesh(Body(length=0.1, width=0.02, height=0.03, cells=(5, 2, 3), cell="hexahedron"))
@@ -40,7 +40,7 @@ def frames_of(motion: dict, count: int, key: str | None = None) -> np.ndarray:
 
 
 def shown(path, *others, mesh: Mesh = MESH, room: int = ROOM, **more) -> dict:
-    motions = {"truth": Motion(displacement=path)} | {f"guess {i}": Motion(displacement=other) for i, other in enumerate(others)}
+    motions = {"truth": Animation(displacement=path)} | {f"guess {i}": Animation(displacement=other) for i, other in enumerate(others)}
     return stored(Exhibit(title="t", mesh=mesh, motions=motions, frames=names(path), **({"truth": "truth"} | more)), room)
 
 
@@ -193,7 +193,8 @@ def test_a_scalar_mode_colours_a_body_that_stays():
 def test_an_obstacle_is_where_it_was():
     ball = ObstacleSurface(np.arange(6)[:, None, None] * [0, 0, -1e-3] + np.array([[0.0, 0, 0.05], [0.01, 0, 0.05], [0, 0.01, 0.05]]),
                     np.array([[0, 1, 2]]))
-    content = stored(Exhibit(title="t", mesh=MESH, motions={"fe": Motion(displacement=bent())}, frames=names(bent()), obstacle=ball), ROOM)
+    motions = {"fe": Animation(displacement=bent())}
+    content = stored(Exhibit(title="t", mesh=MESH, motions=motions, frames=names(bent()), obstacle=ball), ROOM)
     packed = content["obstacle"]
     moved = frames_of({"motion": packed["motion"]}, 6).reshape(6, 3, 3) + array(packed["points"], "<f4", 3)
     assert moved == pytest.approx(ball.points, abs=1e-6) and packed["motion"]["rank"] == 1

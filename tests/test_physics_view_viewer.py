@@ -10,7 +10,7 @@ from matplotlib import colormaps
 from PIL import Image
 
 from physics.view import viewer as module
-from physics.view.exhibit import Exhibit, Motion, mode_exhibit, path_exhibit
+from physics.view.exhibit import Animation, Exhibit, mode_exhibit, path_exhibit
 from physics.view.viewer import section, write_page
 from tests.chromium import MISSING, PROGRAM, Chromium
 from tests.exhibits import HARD, MESH, RUBBER, bent, exhibits, wrong
@@ -79,9 +79,9 @@ def test_a_page_has_room_for_any_motion(monkeypatch):
     """Noise has no few shapes: it is cut to the room there is, and the page says how far off it is."""
     monkeypatch.setattr(module, "ROOM", 300_000)
     rng = np.random.default_rng(0)
-    motions = {f"noise {i}": Motion(displacement=rng.normal(size=(60, *MESH.points.shape))) for i in range(4)}
+    motions = {f"noise {i}": Animation(displacement=rng.normal(size=(60, *MESH.points.shape))) for i in range(4)}
     exhibit = Exhibit(title="noise", mesh=MESH, motions=motions, frames=[str(k) for k in range(60)])
-    rest = len(section([Exhibit(title="noise", mesh=MESH, motions={name: Motion(displacement=0 * motion.displacement) for name, motion in
+    rest = len(section([Exhibit(title="noise", mesh=MESH, motions={name: Animation(displacement=0 * motion.displacement) for name, motion in
                                                               motions.items()}, frames=exhibit.frames)]))
     assert 200_000 < len(section([exhibit])) - rest < 310_000
 

@@ -194,14 +194,14 @@ def _with_case(table: dict[str, Any], key: tuple[int, int, int]) -> dict[str, An
             raise InputError(f"case[{i}].weight = {weight!r}: must be a number above 0")
     ends = np.cumsum(weights) / sum(weights)
     drawn = int(np.searchsorted(ends[:-1], _uniform("case", key), side="right"))
-    return _merged(table, {name: value for name, value in cases[drawn].items() if name != "weight"})
+    return merged(table, {name: value for name, value in cases[drawn].items() if name != "weight"})
 
 
-def _merged(below: Any, above: Any) -> Any:
+def merged(below: Any, above: Any) -> Any:
     """A value laid over another: tables are merged key by key, unless one is a range; everything else is replaced."""
     if not (isinstance(below, dict) and isinstance(above, dict)) or set(RANGES) & (below.keys() | above.keys()):
         return above
-    return {**below, **{name: _merged(below.get(name), value) for name, value in above.items()}}
+    return {**below, **{name: merged(below.get(name), value) for name, value in above.items()}}
 
 
 def _drawn(value: Any, where: str, key: tuple[int, int, int]) -> Any:

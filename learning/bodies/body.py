@@ -36,7 +36,7 @@ KINDS = ("sphere", "cylinder", "capsule", "box", "half-space")  # of obstacles, 
 
 
 @dataclass(frozen=True)
-class Body:
+class PressedBody:
     """points (N, 3) at rest; held (N, 3) True on components that are held; surface (Q, 3) points where the obstacle may touch; obstacle
     on one straight line; poisson_ratio, law: of the material. Points that integrate polynomials of degree 2: inside (I, 3) the body, with
     weights (I,) over the volume of the box, and seats (J, 3) on what is held, with weights (J, 3) by component, whose sums are 1 or 0."""
@@ -124,7 +124,7 @@ class Body:
     def _gap(self, points: Floats) -> Floats:
         return self._gaps(points, np.array([self.first_touch]))[0]
 
-    def mirrored(self, axis: int) -> Body:
+    def mirrored(self, axis: int) -> PressedBody:
         """The body in a mirror that is normal to an axis and goes through the middle of the box."""
         signs, twice = np.where(np.arange(3) == axis, -1.0, 1.0), np.where(np.arange(3) == axis, 2 * self.low + self.extent, 0.0)
         path = np.array(self.obstacle.path) * signs + twice
@@ -170,7 +170,7 @@ def shown_signs(axis: int) -> Floats:
     return np.concatenate([one, np.ones(3 + 6 + len(KINDS) + 7), two, one, np.tile(np.concatenate([[1.0], one, two]), 4)])
 
 
-def see(scene: Scene, mesh: Mesh) -> Body:
+def see(scene: Scene, mesh: Mesh) -> PressedBody:
     """The body of a scene. Raises `InputError` in one line for a scene that is not of this kind, saying what it would have to be."""
     obstacle = scene.obstacles[0] if scene.obstacles else None
     wrong = [
@@ -191,7 +191,7 @@ def see(scene: Scene, mesh: Mesh) -> Body:
     for support in scene.support:
         for letter in support.fixed:
             fixed[mesh.place(support.where), "xyz".index(letter)] = True
-    return Body(np.asarray(mesh.points, float), fixed, _surface(mesh, obstacle.contact == "nodes"), obstacle,
+    return PressedBody(np.asarray(mesh.points, float), fixed, _surface(mesh, obstacle.contact == "nodes"), obstacle,
                 material.poisson_ratio, material.law, _inside(mesh), _seats(mesh, fixed))
 
 

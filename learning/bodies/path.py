@@ -15,10 +15,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from learning.bodies.body import Body, see
+from learning.bodies.body import PressedBody, see
 from learning.bodies.model import Bodies
 from learning.bodies.shapes import functions
-from learning.slender.many import Frames
+from learning.slender.many import PathFrames
 from learning.slender.path import Path, knots
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
@@ -31,16 +31,16 @@ def predict(model: Bodies, scene: Scene, mesh: Mesh) -> Path:
     return path_of(model, see(scene, mesh), np.linspace(0.0, 1.0, scene.steps.count + 1))
 
 
-def predict_many(model: Bodies, bodies: Sequence[Body], frames: Floats) -> Frames:
+def predict_many(model: Bodies, bodies: Sequence[PressedBody], frames: Floats) -> PathFrames:
     """What the predictor says of some frames of several paths, given as fractions (F,) of each; their forces are unknown: nan."""
     order = np.argsort(frames, kind="stable")
     paths = [path_of(model, body, frames[order]) for body in bodies]
     displacement, bar, unsure = (np.stack([getattr(path, name)[np.argsort(order)] for path in paths])
                                  for name in ("displacement", "bar", "unsure"))
-    return Frames(displacement, bar, unsure, np.full(bar.shape, np.nan))
+    return PathFrames(displacement, bar, unsure, np.full(bar.shape, np.nan))
 
 
-def path_of(model: Bodies, body: Body, frames: Floats) -> Path:
+def path_of(model: Bodies, body: PressedBody, frames: Floats) -> Path:
     """Frames of a body's path, given as rising fractions (T,) of it."""
     count = len(frames)
     path = Path(np.zeros((count, len(body.points), 3), np.float32), np.zeros(count), np.zeros(count, bool))

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from datagen.files.solved import solved_on
 from datagen.files.trajectory import Trajectory
-from learning.bodies.body import Body, see
+from learning.bodies.body import PressedBody, see
 from learning.bodies.shapes import Powers, fit, functions, mirror_signs, principal, solved
 from learning.samples.seen import Value, description
 from learning.slender.samples import since_touch, taken
@@ -38,7 +38,7 @@ class Read:
     """Some frames of one trajectory: its body, fractions (P,) of the path, displacement (P, N, 3), description, SHA-256, and the
     seconds that it took to be made, where they are known."""
 
-    body: Body
+    body: PressedBody
     fraction: Floats
     displacement: Floats
     told: dict[str, Value]

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import ArrayLike, NDArray
 
-from learning.bodies.body import Body
+from learning.bodies.body import PressedBody
 
 Floats = NDArray[np.floating[Any]]
 Powers = NDArray[np.int64]
@@ -49,7 +49,7 @@ def _degrees(most: ArrayLike, total: int, width: int) -> Powers:
     return every[every[:, :3].sum(axis=1) <= total]
 
 
-def functions(body: Body, degrees: Powers) -> Floats:
+def functions(body: PressedBody, degrees: Powers) -> Floats:
     """(N, M) the functions at the body's nodes."""
     place, smooth = body.box(body.points), degrees[degrees[:, 3] == 0]
     along = [legvander(place[:, k], int(smooth[:, k].max())) * np.sqrt(2 * np.arange(smooth[:, k].max() + 1) + 1) for k in range(3)]

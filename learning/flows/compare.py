@@ -39,7 +39,7 @@ LONG = 1.0  # [s]: what takes longer is timed once
 
 
 @dataclass
-class Found:
+class Comparison:
     """What was measured: rows, what is left out and why, and of each learned predictor its worst flow: number, error [m/s], velocity."""
 
     rows: list[Row] = field(default_factory=list)
@@ -143,8 +143,8 @@ def _foreign(words: Sequence[str], files: Sequence[Path], truths: Sequence[FlowT
     return FlowPredictor(name, "foreign", lambda truth: known[id(truth)])
 
 
-def _measured(every: Sequence[FlowPredictor], truths: Sequence[FlowTruth], names: Sequence[str], repeats: int) -> Found:
-    found = Found()
+def _measured(every: Sequence[FlowPredictor], truths: Sequence[FlowTruth], names: Sequence[str], repeats: int) -> Comparison:
+    found = Comparison()
     each: dict[str, list[dict[str, float]]] = {predictor.name: [] for predictor in every}
     for number, truth in enumerate(truths):
         for predictor in every:

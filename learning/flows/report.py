@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from datagen.files.prediction import finite
 from datagen.files.provenance import machine
 from datagen.flow.prediction import FlowTruth
+from learning.flows.rivals import IDLE
 from learning.report.pareto import pareto_picture
 from learning.report.table import KINDS, Row
 from physics.fidelity.figures import FLOW, Column, shown
@@ -62,7 +63,7 @@ def write_flow_report(out: Path, report: FlowReport, truths: list[FlowTruth],
 
 def headline(rows: list[Row]) -> str:
     """The result in one sentence: the best learned predictor beside a flow that does not change."""
-    idle = next((row for row in rows if row.name == "nothing changes"), None)
+    idle = next((row for row in rows if row.name == IDLE), None)
     judged = [row for row in rows if row.kind in ("learned", "foreign")]
     if idle is None or not judged:
         return "No learned predictor was held against a flow that does not change."

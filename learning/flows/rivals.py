@@ -27,6 +27,7 @@ from physics.flow.solution import solve_flow
 
 Floats = NDArray[np.float64]
 REFERENCE = "FE, the reference"
+IDLE = "nothing changes"
 MODES, SMALLEST = 40, 1e-5  # of a dynamic mode decomposition: at most, and of the largest singular value
 SHORTEST = 6  # frames of a period
 
@@ -60,7 +61,7 @@ class FlowPredictor:
 
 def trivial() -> list[FlowPredictor]:
     """Nothing changes, the last period again, dynamic mode decomposition."""
-    return [FlowPredictor("nothing changes", "trivial", stays), FlowPredictor("the last period again", "trivial", again),
+    return [FlowPredictor(IDLE, "trivial", stays), FlowPredictor("the last period again", "trivial", again),
             FlowPredictor("dynamic mode decomposition", "trivial", decomposed)]
 
 

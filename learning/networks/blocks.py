@@ -134,7 +134,7 @@ def sum_at(index: Tensor, values: Tensor, count: int) -> Tensor:
     return torch.zeros(count, values.shape[1], device=values.device).index_add(0, index, values.float())
 
 
-class Rows:
+class Padding:
     """Rows of a table side by side with those of the same owner, padded to the most that any has.
 
     present: (B, S) False on padding

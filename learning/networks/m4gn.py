@@ -30,7 +30,7 @@ from torch.nn.functional import scaled_dot_product_attention
 
 from learning.graphs.graph import SOLID, Graph
 from learning.graphs.wants import Wants, Widths
-from learning.networks.blocks import MLP, PRECISIONS, MessagePassing, Network, Rows, sum_at
+from learning.networks.blocks import MLP, PRECISIONS, MessagePassing, Network, Padding, sum_at
 from physics.schema import InputError, quantity
 
 
@@ -95,7 +95,7 @@ class M4GN(Network):
         s = self.encode_segment(mean_of_segments(h, graph.segment, len(graph.graph_of_segment), graph.shared))  # (K, H)
         if graph.segment_code is not None:
             s = s + self.place_segment(graph.segment_code)
-        rows = Rows(graph.graph_of_segment, graph.count)
+        rows = Padding(graph.graph_of_segment, graph.count)
         padded = rows.padded(s)  # (B, S, H)
         for block in self.transform:
             padded = block(padded, rows.present)

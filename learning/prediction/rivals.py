@@ -24,11 +24,12 @@ from physics.solution import solve
 
 Floats = NDArray[np.floating[Any]]
 REFERENCE = "FE, the reference"
+STILL = "nothing moves"
 
 
 def trivial() -> list[Predictor]:
     """Nothing moves, keep the last velocity, keep the last acceleration."""
-    rules = {"nothing moves": nothing_moves, "keep the last velocity": keep_velocity, "quadratic extrapolation": keep_acceleration}
+    rules = {STILL: nothing_moves, "keep the last velocity": keep_velocity, "quadratic extrapolation": keep_acceleration}
 
     def predictor(name: str, rule: Callable[..., tuple[Floats, Floats]]) -> Predictor:
         def predict(case: Case) -> Prediction:

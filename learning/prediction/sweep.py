@@ -39,7 +39,7 @@ from learning.bodies.model import Bodies
 from learning.bodies.path import predict_many as predict_bodies
 from learning.prediction.checkpoint import load_model
 from learning.slender.beam import see
-from learning.slender.many import Frames, alike, per_batch, predict_many
+from learning.slender.many import PathFrames, alike, per_batch, predict_many
 from learning.slender.model import Slender
 from learning.slender.path import check_points
 from physics.journal import Journal
@@ -172,7 +172,8 @@ def _model(run: str | Path) -> AtOnce:
     return model
 
 
-def _batches(model: AtOnce, seen: Sequence[Any], frames: Floats, nodes: int) -> Iterator[tuple[NDArray[np.int64], Callable[[], Frames]]]:
+def _batches(model: AtOnce, seen: Sequence[Any], frames: Floats,
+             nodes: int) -> Iterator[tuple[NDArray[np.int64], Callable[[], PathFrames]]]:
     """Numbers of paths that are predicted together, and what does so."""
     if isinstance(model, Bodies):
         for begin in range(0, len(seen), BODIES):

@@ -35,7 +35,7 @@ from learning.report.measure import LONG, Measurement, measure
 from learning.report.report import write_report
 from learning.report.shown import exhibits, worst_frames
 from learning.report.table import JUDGED, Report, Row
-from learning.samples.seen import Seen, outside, read_seen
+from learning.samples.seen import SeenRange, outside, read_seen
 from physics.fidelity.figures import field_columns, shown
 from physics.schema import InputError, to_table
 from physics.view import ObstacleSurface, frame_picture
@@ -216,7 +216,7 @@ def _facts(runs: dict[str, Model | AtOnce], cases: Sequence[Case], found: Measur
     }
 
 
-def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | AtOnce], spans: Sequence[Seen]) -> list[str]:
+def _limits(cases: Sequence[Case], found: Measurement, runs: dict[str, Model | AtOnce], spans: Sequence[SeenRange]) -> list[str]:
     notes = [
         "The truth has an error of its own, that of its mesh. An error below it means that the truth is imitated well, not that "
         "the body is known better.",

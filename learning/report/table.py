@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from learning.prediction.rivals import STILL
 from physics.fidelity import figures
 from physics.fidelity.figures import Column, shown
 
@@ -105,7 +106,7 @@ def tables_of(rows: list[Row]) -> dict[str, dict[str, Column]]:
 def improvement(rows: list[Row]) -> float | None:
     """RMSD-all of "nothing moves" over that of the best learned simulator or predictor brought along; None without both."""
     learned = [row.scores["rmsd_all"] for row in rows if row.kind in JUDGED]
-    still = [row.scores["rmsd_all"] for row in rows if row.name == "nothing moves"]
+    still = [row.scores["rmsd_all"] for row in rows if row.name == STILL]
     if not (learned and still):
         return None
     return still[0] / min(learned) if min(learned) else math.inf

@@ -30,7 +30,7 @@ Value = float | str
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenRange:
     """Ranges of numbers, choices of words, and how many trajectories they are of."""
 
     numbers: dict[str, tuple[float, float]]
@@ -73,31 +73,31 @@ def description(trajectory: Trajectory) -> dict[str, Value]:
     return told
 
 
-def seen(trajectories: Iterable[Trajectory]) -> Seen:
+def seen(trajectories: Iterable[Trajectory]) -> SeenRange:
     """The ranges of some trajectories; of quantities that not all of them have, those of the ones that do."""
     return ranges([description(trajectory) for trajectory in trajectories])
 
 
-def ranges(told: Sequence[dict[str, Value]]) -> Seen:
+def ranges(told: Sequence[dict[str, Value]]) -> SeenRange:
     """The ranges of some trajectories' descriptions."""
     names = dict.fromkeys(name for each in told for name in each)
     values = {name: [each[name] for each in told if name in each] for name in names}
     numbers = {name: (float(min(v)), float(max(v))) for name, v in values.items() if not isinstance(v[0], str)}
     choices = {name: tuple(sorted(set(map(str, v)))) for name, v in values.items() if isinstance(v[0], str)}
-    return Seen(numbers, choices, len(told))
+    return SeenRange(numbers, choices, len(told))
 
 
-def write_seen(run: str | Path, found: Seen) -> None:
+def write_seen(run: str | Path, found: SeenRange) -> None:
     """Leave the ranges in a run's folder. Raises OSError."""
     write_whole(Path(run) / FILE, (json.dumps(vars(found), indent=1) + "\n").encode())
 
 
-def read_seen(run: str | Path) -> Seen | None:
+def read_seen(run: str | Path) -> SeenRange | None:
     """The ranges of a run; None when it has none. Raises `InputError` for a damaged file."""
     path = Path(run) / FILE
     try:
         table = json.loads(path.read_text())
-        return Seen({name: (float(low), float(high)) for name, (low, high) in table["numbers"].items()},
+        return SeenRange({name: (float(low), float(high)) for name, (low, high) in table["numbers"].items()},
                     {name: tuple(words) for name, words in table["choices"].items()}, int(table["trajectories"]))
     except FileNotFoundError:
         return None
@@ -105,7 +105,7 @@ def read_seen(run: str | Path) -> Seen | None:
         raise InputError(f"{path}: not the ranges of a run: {error}") from None
 
 
-def outside(trajectory: Trajectory, known: Seen) -> dict[str, float]:
+def outside(trajectory: Trajectory, known: SeenRange) -> dict[str, float]:
     """By how much each quantity of a trajectory lies outside of the ranges; only those that do, the farthest first."""
     found = {}
     for name, value in description(trajectory).items():

@@ -23,7 +23,7 @@ from torch import Tensor
 
 from learning.slender.beam import FUNCTIONS, Beam
 from learning.slender.theory import Bar
-from learning.slender.touch import Bent, Obstacle, press
+from learning.slender.touch import Bent, Indenter, press
 
 TAU = 2 * math.pi
 WIDTHS = (0.25, 0.6, 1.5)  # heights of the beam: of the bells around the touch
@@ -51,7 +51,7 @@ def shown(beam: Beam, fraction: np.ndarray) -> Seen:
     return look(beam, torch.as_tensor(beam.centre(fraction)))
 
 
-def look(beam: Beam, centre: Tensor, obstacle: Obstacle | None = None) -> Seen:
+def look(beam: Beam, centre: Tensor, obstacle: Indenter | None = None) -> Seen:
     """The features of a beam under its obstacle, or one with other numbers at each pose, at centres (P, 3), in double precision."""
     obstacle = obstacle or obstacle_of(beam)
     x = torch.as_tensor(beam.x)
@@ -61,7 +61,7 @@ def look(beam: Beam, centre: Tensor, obstacle: Obstacle | None = None) -> Seen:
                 bent.depth[:, None] * _envelope(beam, x), bent.depth, bent.jumps, bent.force * bar.second_moment)
 
 
-def left(beam: Beam, centre: Tensor, obstacle: Obstacle) -> Tensor:
+def left(beam: Beam, centre: Tensor, obstacle: Indenter) -> Tensor:
     """(n, K) True from the pose on at which a sphere has or may have left its groove at a jump, for centres (n, K, 3) along n paths and
     an obstacle with numbers (n * K,): past it theory may be in another groove than the body, even where it sees no jump any more."""
     bar = Bar(*beam.extent, beam.poisson_ratio, beam.held_at_both)
@@ -69,13 +69,13 @@ def left(beam: Beam, centre: Tensor, obstacle: Obstacle) -> Tensor:
     return press(ends, centre.flatten(0, 1), obstacle, bar).jumps.view(centre.shape[:2]).cumsum(1) > 0
 
 
-def obstacle_of(beam: Beam) -> Obstacle:
+def obstacle_of(beam: Beam) -> Indenter:
     """The obstacle as theory knows it."""
     first, nodes = beam.groove
-    return Obstacle(beam.radius, beam.round, beam.turn, (first - nodes) / beam.row, beam.row, nodes)
+    return Indenter(beam.radius, beam.round, beam.turn, (first - nodes) / beam.row, beam.row, nodes)
 
 
-def _pose(beam: Beam, bar: Bar, obstacle: Obstacle, centre: Tensor, bent: Bent) -> Tensor:
+def _pose(beam: Beam, bar: Bar, obstacle: Indenter, centre: Tensor, bent: Bent) -> Tensor:
     length, width, height = beam.extent
     one, ball = torch.ones_like(bent.push), float(beam.round)
     depth = bent.depth + SMALLEST * length
@@ -108,7 +108,7 @@ def _pose(beam: Beam, bar: Bar, obstacle: Obstacle, centre: Tensor, bent: Bent) 
     return torch.stack(columns, dim=1)
 
 
-def _section(beam: Beam, x: Tensor, obstacle: Obstacle, centre: Tensor, bent: Bent) -> Tensor:
+def _section(beam: Beam, x: Tensor, obstacle: Indenter, centre: Tensor, bent: Bent) -> Tensor:
     length, _, height = beam.extent
     push = bent.push[:, None] + SMALLEST * length
     from_touch = (x - bent.touch[:, None]) / height

@@ -23,7 +23,7 @@ from learning.slender.beam import Beam
 from learning.slender.features import left, look
 from learning.slender.model import Slender
 from learning.slender.path import knots
-from learning.slender.touch import Obstacle, first_touch, groove
+from learning.slender.touch import Indenter, first_touch, groove
 
 Floats = NDArray[np.floating[Any]]
 POSES, NUMBERS = 1024, 20_000_000  # in a batch, at most
@@ -50,16 +50,16 @@ class Paths:
         """(n,) fractions of the paths."""
         return first_touch(self.start, self.end, self.radius, self.beam.extent[2])
 
-    def obstacle(self, poses: int = 1) -> Obstacle:
+    def obstacle(self, poses: int = 1) -> Indenter:
         """As theory knows it, with numbers (n * poses,), those of a path for all of its poses."""
         row = self.beam.row
         first, nodes = groove(self.start, self.end, self.first_touch, row, self.beam.cells[1])
         radius, turn, first, nodes = (each.repeat_interleave(poses) for each in (self.radius, self.turn, (first - nodes) / row, nodes))
-        return Obstacle(radius, self.beam.round, turn, first, row, nodes)
+        return Indenter(radius, self.beam.round, turn, first, row, nodes)
 
 
 @dataclass(frozen=True)
-class Frames:
+class PathFrames:
     """displacement (n, F, N, 3) [m]; bar (n, F) [m] and unsure (n, F) as those of a `path.Path`; force (n, F) [m2] of the obstacle over
     Young's modulus, by theory."""
 
@@ -91,7 +91,7 @@ def _shares(model: Slender, frames: Floats) -> Floats:
     return knots(0.0, model.config.poses)[-1 if (frames == 1).all() else 0:]
 
 
-def predict_many(model: Slender, paths: Paths, frames: Floats) -> Frames:
+def predict_many(model: Slender, paths: Paths, frames: Floats) -> PathFrames:
     """What the predictor says of frames, given as fractions (F,) of the paths, 0 to 1."""
     beam, touched = paths.beam, paths.first_touch.numpy()
     start = np.where(touched < 1, touched, 0.0)[:, None]  # those that never touch are looked at, and then put to rest
@@ -124,4 +124,4 @@ def predict_many(model: Slender, paths: Paths, frames: Floats) -> Frames:
     factor = model.scales.bar.item()
     bars = np.where(rest, 0.0, factor * bars if np.isfinite(factor) else np.inf)
     unsure = ~rest & ((unlike > 0) | (bars > model.config.unsure_above))
-    return Frames(nodes, bars, unsure, force)
+    return PathFrames(nodes, bars, unsure, force)

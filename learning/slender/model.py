@@ -77,14 +77,14 @@ def scaled(features: Tensor, scale: Tensor) -> Tensor:
     return ((features - scale[0]) / scale[1]).clamp(-FARTHEST, FARTHEST)
 
 
-class Stored(Protocol):
+class StoredScales(Protocol):
     """Scales that are stored."""
 
     def tensors(self) -> dict[str, Tensor]:
         """By name."""
 
 
-def state_of(network: nn.Module, scales: Stored) -> dict[str, Tensor]:
+def state_of(network: nn.Module, scales: StoredScales) -> dict[str, Tensor]:
     """What predicts, as tensors by name."""
     return ({f"weights.{name}": value for name, value in network.state_dict().items()}
             | {f"scales.{name}": value for name, value in scales.tensors().items()})

@@ -34,7 +34,7 @@ SHIFT, TORN = 0.05, 0.4  # distances of rows: by how much a pull may be off; apa
 
 
 @dataclass(frozen=True)
-class Obstacle:
+class Indenter:
     """A sphere, round = True, or a cylinder whose axis is turned [rad] from y towards x.
 
     first, row: where a sphere first touches, from a row of nodes, and the distance b of rows; in distances of rows and [length]
@@ -102,7 +102,7 @@ def groove(start: Tensor, end: Tensor, touched: Tensor, row: float, cells: int) 
     return beside, (torch.round(beside / (2 * row) - shift) + shift) * (2 * row)
 
 
-def press(x: Tensor, centre: Tensor, obstacle: Obstacle, bar: Bar) -> Bent:
+def press(x: Tensor, centre: Tensor, obstacle: Indenter, bar: Bar) -> Bent:
     """The beam under an obstacle at some poses.
 
     Args:
@@ -134,7 +134,7 @@ def press(x: Tensor, centre: Tensor, obstacle: Obstacle, bar: Bar) -> Bent:
                 torn=groove[4], jumps=groove[5].bool())
 
 
-def _indentation(force: Tensor, obstacle: Obstacle, bar: Bar) -> Tensor:
+def _indentation(force: Tensor, obstacle: Indenter, bar: Bar) -> Tensor:
     """(P,) how deep the obstacle enters the face, by Hertz for a sphere."""
     pressed = (1 - bar.poisson_ratio**2) * force * bar.second_moment  # F (1 - nu^2) / E
     if obstacle.round:
@@ -150,13 +150,13 @@ def _lying(x: Tensor, a: Tensor, bar: Bar) -> Tensor:
 Answer = tuple[Tensor, Tensor, Tensor, tuple[Tensor, ...]]
 
 
-def _flat(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
+def _flat(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Indenter, bar: Bar) -> Answer:
     """Lean, force to the side and torque (P,) of a cylinder; it knows no grooves across."""
     lean, none = torch.tan(slope) * torch.tan(torch.as_tensor(obstacle.turn, dtype=a.dtype)), torch.zeros_like(a)
     return lean, force * lean, -torch.atan(lean) / bar.twist(a, a), (none,) * 6
 
 
-def _grooved(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Obstacle, bar: Bar) -> Answer:
+def _grooved(a: Tensor, force: Tensor, slope: Tensor, beside: Tensor, width: Tensor, obstacle: Indenter, bar: Bar) -> Answer:
     """Lean m / M, force to the side and torque (P,) of a sphere, and what its grooves say: from pull to jumps of `Bent`."""
     most, arm = obstacle.row / (2 * obstacle.radius), obstacle.radius + bar.height / 2
     sideways, twist = _lying(a, a, bar), bar.twist(a, a)

@@ -24,13 +24,14 @@ import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
 from datagen.family.family import FOLDER as FAMILIES
-from datagen.family.family import Family, Splits, draw, load_family
+from datagen.family.family import Family, Splits, draw, load_family, merged
 from learning.config import TrainConfig
 from physics.schema import InputError, nearest, quantity, read_table, read_toml, shown
 from physics.whole import write_whole
@@ -69,7 +70,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Row:
+class Line:
     """One line of the table: its config but for the seed, and published figures by test and name as (mean, deviation or nan)."""
 
     name: str
@@ -89,7 +90,7 @@ class Plan:
     source: str
     size: str
     seeds: int
-    rows: tuple[Row, ...]
+    rows: tuple[Line, ...]
     tests: tuple[Trial, ...]
     sets: dict[str, tuple[dict[str, Any], Data]]
 
@@ -119,15 +120,6 @@ def family_of(table: dict[str, Any], path: Path) -> Family:
     """The family of a set, written to a file of its own. Raises `InputError`."""
     write_whole(path, tomli_w.dumps(table).encode())
     return load_family(path)
-
-
-def merged(*tables: Mapping[str, Any]) -> dict[str, Any]:
-    """Tables one over the other, those in them likewise."""
-    found: dict[str, Any] = {}
-    for table in tables:
-        for key, value in table.items():
-            found[key] = merged(found[key], value) if isinstance(value, dict) and isinstance(found.get(key), dict) else value
-    return found
 
 
 def _whole(file: Path, depth: int = 0) -> dict[str, Any]:
@@ -217,7 +209,7 @@ def _test(table: dict[str, Any], where: str, keys: dict[str, Any], sets: dict[st
 
 
 def _rows(table: dict[str, Any], where: str, base: dict[str, Any], size: dict[str, Any], grid: dict[str, list[Any]],
-          tests: tuple[Trial, ...]) -> list[Row]:
+          tests: tuple[Trial, ...]) -> list[Line]:
     """A row at every point of the grid."""
     _known(table, ("name", "set", "published"), where)
     published = _published(table.get("published", {}), f"{where}.published", tests)
@@ -226,12 +218,12 @@ def _rows(table: dict[str, Any], where: str, base: dict[str, Any], size: dict[st
         point: dict[str, Any] = {}
         for key, value in zip(grid, values, strict=True):
             point = merged(point, _nested(key, value))
-        keys = merged(base, size.get("set", {}), table.get("set", {}), point)
+        keys = reduce(merged, [base, size.get("set", {}), table.get("set", {}), point])
         network, sizes = keys.get("network", {}), size.get("networks", {})
-        keys["network"] = merged(sizes.get("all", {}), sizes.get(network.get("kind", "m4gn"), {}), network)
+        keys["network"] = reduce(merged, [sizes.get("all", {}), sizes.get(network.get("kind", "m4gn"), {}), network])
         name = ", ".join([table["name"], *(f"{key.split('.')[-1]} {value}" for key, value in zip(grid, values, strict=True))])
         try:
-            rows.append(Row(name, read_table(TrainConfig, keys), published))
+            rows.append(Line(name, read_table(TrainConfig, keys), published))
         except InputError as error:
             raise InputError(f"{where} ({name}): {error}") from None
     return rows

@@ -27,7 +27,7 @@ from datagen.sets.workers import on_cluster, on_this_machine
 from learning.study.page import write_page
 from learning.study.plan import Plan, family_of, load_plan, slug
 from learning.study.table import Result, check_published, gathered, write_tables
-from learning.study.work import Job, carried_out, still, write_json
+from learning.study.work import Training, carried_out, still, write_json
 from learning.training.curve import read_curve
 from physics.schema import InputError, to_table
 
@@ -60,7 +60,8 @@ def run_study(path: str | Path, out: str | Path, *, size: str = "small", data: s
     _claim(plan, out, data)
     folders = _sets(plan, out, data, workers, say)
     tests = tuple((test, folders[test.data]) for test in plan.tests)
-    jobs = {(row.name, seed): Job(out / "runs" / slug(row.name) / str(seed), replace(row.config, seed=seed), folders["data"], tests, device)
+    runs = out / "runs"
+    jobs = {(row.name, seed): Training(runs / slug(row.name) / str(seed), replace(row.config, seed=seed), folders["data"], tests, device)
             for seed in range(plan.seeds) for row in plan.rows}
     idle = _idle(plan, out, tests)
     missing = [job for job in jobs.values() if not job.done]
@@ -76,7 +77,7 @@ def run_study(path: str | Path, out: str | Path, *, size: str = "small", data: s
     return {"title": plan.title, "size": size, "trainings": len(jobs), "new": len(missing), "rows": _rows(result), "out": str(out)}
 
 
-def _spread(jobs: list[Job], workers: int | None, cluster: str, tls: Sequence[str], out: Path) -> Iterator[Any]:
+def _spread(jobs: list[Training], workers: int | None, cluster: str, tls: Sequence[str], out: Path) -> Iterator[Any]:
     """The jobs, each when it is done."""
     if not jobs:
         return iter(())
@@ -145,7 +146,7 @@ def _rows(result: Result) -> dict[str, Any]:
 
 
 @contextmanager
-def _watched(jobs: Sequence[Job]) -> Iterator[None]:
+def _watched(jobs: Sequence[Training]) -> Iterator[None]:
     """A bar on a terminal: how far all trainings are together, and the time left."""
     ended, total = threading.Event(), sum(job.config.steps for job in jobs)
     with tqdm(total=total, desc="study", unit="step", disable=None, smoothing=0.05) as bar:
@@ -169,7 +170,7 @@ def _watched(jobs: Sequence[Job]) -> Iterator[None]:
             watcher.join()
 
 
-def _step(job: Job) -> int:
+def _step(job: Training) -> int:
     """The last step that a training's curve tells."""
     lines = read_curve(job.folder / "run")
     return int(lines[-1]["step"]) if lines else 0

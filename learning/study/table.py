@@ -20,8 +20,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from learning.flows.rivals import IDLE
+from learning.prediction.rivals import STILL
 from learning.study.plan import Plan
-from learning.study.work import IDLE, STILL, Job
+from learning.study.work import Training
 from physics.fidelity.figures import FIGURES, FLOW, Column, field_columns, shown
 from physics.schema import InputError, nearest
 from physics.whole import write_whole
@@ -43,7 +45,7 @@ FIGURE, OF_FLOWS = "rmse_all", "velocity_rmse_all"  # by which rows are told apa
 
 
 @dataclass(frozen=True)
-class Cell:
+class Score:
     """Mean, sample deviation (nan of one) and number of seeds; the published mean and deviation, nan where there is none."""
 
     mean: float
@@ -64,7 +66,7 @@ class Result:
 
     plan: Plan
     columns: dict[str, Column]
-    cells: dict[str, dict[str, dict[str, Cell]]]
+    cells: dict[str, dict[str, dict[str, Score]]]
     blown: dict[str, dict[str, int]]
     curves: dict[str, list[list[dict[str, Any]]]]
 
@@ -127,7 +129,7 @@ def check_published(plan: Plan) -> None:
                                  f"{', '.join(known)}")
 
 
-def gathered(plan: Plan, jobs: Mapping[tuple[str, int], Job], idle: dict[str, dict[str, Any]]) -> Result:
+def gathered(plan: Plan, jobs: Mapping[tuple[str, int], Training], idle: dict[str, dict[str, Any]]) -> Result:
     """What trainings have left so far."""
     trained: dict[str, list[dict[str, Any]]] = {row.name: [] for row in plan.rows}
     tests: dict[str, dict[str, list[dict[str, Any]]]] = {row.name: {test.name: [] for test in plan.tests} for row in plan.rows}
@@ -144,7 +146,7 @@ def gathered(plan: Plan, jobs: Mapping[tuple[str, int], Job], idle: dict[str, di
     columns = ERRORS | field_columns(keys) | COST
     if flows:
         columns["valid_equal"] = replace(COST["valid_equal"], unit="m/s", si="m/s", factor=1)
-    cells: dict[str, dict[str, dict[str, Cell]]] = {}
+    cells: dict[str, dict[str, dict[str, Score]]] = {}
     for row in plan.rows:
         cost = {"valid_equal": [_best(curve, moment) for curve in curves[row.name]]}
         cost |= {key: [factor * run[name] for run in trained[row.name]] for key, name, factor in
@@ -162,7 +164,7 @@ def gathered(plan: Plan, jobs: Mapping[tuple[str, int], Job], idle: dict[str, di
     return Result(plan, {key: column for key, column in columns.items() if _any(cells, key)}, cells, blown, curves)
 
 
-def _any(cells: dict[str, dict[str, dict[str, Cell]]], key: str) -> bool:
+def _any(cells: dict[str, dict[str, dict[str, Score]]], key: str) -> bool:
     return any(not (math.isnan(cell.mean) and math.isnan(cell.published[0])) for of in cells.values() for each in of.values()
                if (cell := each.get(key)) is not None)
 
@@ -171,9 +173,9 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def _cell(values: list[float], published: tuple[float, float] | None) -> Cell:
+def _cell(values: list[float], published: tuple[float, float] | None) -> Score:
     known = [value for value in values if not math.isnan(value)]
-    return Cell(statistics.fmean(known) if known else math.nan, statistics.stdev(known) if len(known) > 1 else math.nan, len(known),
+    return Score(statistics.fmean(known) if known else math.nan, statistics.stdev(known) if len(known) > 1 else math.nan, len(known),
                 published or (math.nan, math.nan))
 
 
@@ -181,7 +183,7 @@ def _best(curve: list[dict[str, Any]], moment: float) -> float:
     return min((line["error"] for line in curve if line.get("error") is not None and line["seconds"] <= moment), default=math.nan)
 
 
-def _told(cell: Cell | None, column: Column) -> str:
+def _told(cell: Score | None, column: Column) -> str:
     if cell is None:
         return ""
     spread = "" if math.isnan(cell.deviation) or not cell.deviation else f" ± {column.factor * cell.deviation:.2g}"

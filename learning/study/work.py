@@ -19,33 +19,34 @@ from typing import Any
 
 import torch
 
+from datagen.family.family import merged
 from datagen.files.prediction import finite
 from datagen.files.trajectory import read_sound, read_trajectory
 from datagen.sets.dataset import files
 from learning.config import TrainConfig
 from learning.flows.compare import learned as learned_flow
 from learning.flows.compare import scores_of
+from learning.flows.rivals import IDLE
 from learning.flows.rivals import trivial as trivial_flows
 from learning.graphs.graph import join
 from learning.networks.blocks import products
 from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.predictor import Case, Predictor
-from learning.prediction.rivals import trivial
+from learning.prediction.rivals import STILL, trivial
 from learning.prediction.surrogates import learned
 from learning.report.measure import measure
 from learning.samples.samples import all_frames, load_examples, sample
-from learning.study.plan import Trial, merged, slug
+from learning.study.plan import Trial, slug
 from learning.training.curve import read_curve
 from learning.training.train import train
 from physics.schema import read_table, to_table
 from physics.whole import write_whole
 
 SHAPES = 50  # frames of a trajectory at which the deformed mesh is looked at
-STILL, IDLE = "nothing moves", "nothing changes"  # of bodies, of flows
 
 
 @dataclass(frozen=True)
-class Job:
+class Training:
     """One training: its folder, its config, the folder of the data, and tests with the folders of theirs."""
 
     folder: Path
@@ -68,7 +69,7 @@ class Job:
         return self.folder / f"on-{slug(test.name)}.json"
 
 
-def carried_out(job: Job) -> None:
+def carried_out(job: Training) -> None:
     """Train, or go on with it, and measure what has not been measured."""
     valid = files(job.data, "valid") if (job.data / "valid").is_dir() else []
     if not (job.folder / "trained.json").exists():
@@ -105,7 +106,7 @@ def still(paths: Sequence[Path]) -> dict[str, Any]:
     return figures(next(each for each in trivial() if each.name == STILL), paths)
 
 
-def step_memory(job: Job) -> int:
+def step_memory(job: Training) -> int:
     """Bytes that a training step of a trained run has to hold."""
     model, examples = load_model(job.folder / "run", job.device), load_examples(files(job.data, "train")[:1], job.config)
     assert isinstance(model, Model)

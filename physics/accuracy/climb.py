@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from physics.accuracy.estimate import FIRST, ROUNDING, Estimate, coarse, distance, estimate, looked
-from physics.accuracy.ladder import Family, Sizes
+from physics.accuracy.estimate import FIRST, ROUNDING, ErrorEstimate, coarse, distance, estimate, looked
+from physics.accuracy.ladder import MeshFamily, Sizes
 from physics.accuracy.pilot import Floats, Pilot, cost
 from physics.equilibrium.state import NoEquilibrium
 from physics.schema import InputError
@@ -42,7 +42,7 @@ class Source(Protocol):
     fractions: Floats
     weights: Floats
 
-    def __call__(self, family: Family, sizes: Sizes) -> Pilot: ...
+    def __call__(self, family: MeshFamily, sizes: Sizes) -> Pilot: ...
 
     def first(self, order: int) -> list[Pilot]: ...
 
@@ -51,12 +51,12 @@ class Source(Protocol):
 class Climb:
     """The way from the coarsest mesh of a family to one that keeps the error.
 
-    target: error; most: nodes of a mesh; sizes: where it is; error, order, how: of that mesh, as in `Estimate`
+    target: error; most: nodes of a mesh; sizes: where it is; error, order, how: of that mesh, as in `ErrorEstimate`
     shares: of each direction, in parts of the error; ladder: meshes on the way, each with its error as it was known then
     reached: whether the error is below the target; ended: whether there is nothing more to try; why: it cannot be solved
     """
 
-    family: Family
+    family: MeshFamily
     pilots: Source
     target: float
     most: int
@@ -79,10 +79,10 @@ class Climb:
         return self.pilots(self.family, self.sizes)
 
     @property
-    def parts(self) -> dict[int, Estimate]:
+    def parts(self) -> dict[int, ErrorEstimate]:
         """What each direction makes of the error."""
         whole = sum(self.shares)
-        return {axis: Estimate(self.error * (share / whole if whole else 1 / len(self.shares)), self.order, self.how)
+        return {axis: ErrorEstimate(self.error * (share / whole if whole else 1 / len(self.shares)), self.order, self.how)
                 for axis, share in enumerate(self.shares)}
 
     def nodes(self, sizes: Sizes) -> float:

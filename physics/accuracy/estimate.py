@@ -29,7 +29,7 @@ ROUNDING = 1e-9  # differences below it are no errors of a mesh
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ErrorEstimate:
     """error: relative, of the last mesh; order: that it is reckoned with; how: "seen", "assumed" of two meshes, or "irregular"."""
 
     error: float
@@ -58,7 +58,7 @@ def observed_order(sizes: tuple[float, float, float], differences: tuple[float, 
     return float(brentq(miss, low, highest)) if miss(low) > 0 else 0.0
 
 
-def estimate(sizes: Sequence[float], differences: Sequence[float], highest: float, quantity: str) -> Estimate:
+def estimate(sizes: Sequence[float], differences: Sequence[float], highest: float, quantity: str) -> ErrorEstimate:
     """The error of the last mesh of a sequence.
 
     Args:
@@ -69,16 +69,16 @@ def estimate(sizes: Sequence[float], differences: Sequence[float], highest: floa
     last, (before, end) = differences[-1], sizes[-2:]
     if len(differences) < 2 or max(differences[-2:]) < ROUNDING:
         order = FIRST[quantity]
-        return Estimate(_left(last, before / end, order), order, "assumed")
+        return ErrorEstimate(_left(last, before / end, order), order, "assumed")
     first, lowest = differences[-2], LOWEST[quantity]
     seen = observed_order((sizes[-3], before, end), (first, last), highest)
     order = max(seen, lowest)
     carried = (before / end) ** order
     error = max(_left(last, before / end, order), _left(first, sizes[-3] / before, order) * carried)
-    return Estimate(error, order, "seen" if seen >= lowest else "irregular")
+    return ErrorEstimate(error, order, "seen" if seen >= lowest else "irregular")
 
 
-def looked(alone: Sequence[tuple[float, float]], times: Sequence[float], change: float, usual: float, quantity: str) -> Estimate:
+def looked(alone: Sequence[tuple[float, float]], times: Sequence[float], change: float, usual: float, quantity: str) -> ErrorEstimate:
     """The error of a second mesh, from what each direction did on the first: the order is that with which all of it adds up to a change.
 
     Args:
@@ -96,7 +96,7 @@ def looked(alone: Sequence[tuple[float, float]], times: Sequence[float], change:
     seen = usual if miss(usual) >= 0 else lowest if miss(lowest) <= 0 else float(brentq(miss, lowest, usual))
     left = float((parts(seen) * np.array(times) ** -seen).sum())
     scale = max(1.0, change / max(change + miss(seen), ROUNDING))  # it changed by more than even the lowest order has it
-    return Estimate(left * scale, seen, "irregular" if scale > 1 and seen == lowest else "seen")
+    return ErrorEstimate(left * scale, seen, "irregular" if scale > 1 and seen == lowest else "seen")
 
 
 def coarse(ratio: float, difference: float, order: float) -> float:

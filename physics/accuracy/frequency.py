@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from physics.accuracy.choose import MESH, MOST_NODES, climbed
 from physics.accuracy.climb import Climb
-from physics.accuracy.ladder import Family, Sizes, families
+from physics.accuracy.ladder import MeshFamily, Sizes, families
 from physics.accuracy.pilot import Pilot
 from physics.accuracy.table import Verdict, row, rows_of_mesh
 from physics.modes.elastic import Modes, elastic_modes
@@ -37,7 +37,7 @@ class Frequencies:
         self.weights: NDArray[np.float64] = np.zeros(modes)
         self._known: dict[tuple[int, Sizes], tuple[Pilot, Modes]] = {}
 
-    def __call__(self, family: Family, sizes: Sizes) -> Pilot:
+    def __call__(self, family: MeshFamily, sizes: Sizes) -> Pilot:
         if (family.order, sizes) not in self._known:
             started = time.process_time()
             scene, mesh = family.rung(sizes)

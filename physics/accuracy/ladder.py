@@ -39,7 +39,7 @@ ROUND = 0.1  # of a halving that may be wanting
 
 
 @dataclass(frozen=True)
-class Family:
+class MeshFamily:
     """Meshes of one body with cells of one order.
 
     base: the coarsest; axes: what its numbers count
@@ -112,11 +112,11 @@ class Family:
         return 2.0 if self.order == 1 else 4.0
 
 
-def families(scene: Scene) -> list[Family]:
+def families(scene: Scene) -> list[MeshFamily]:
     """The ways to mesh a body, that of second order first. Raises `InputError` when a file is not sound."""
     body = scene.body
     if body.shape == "file":
-        first = Family(scene, 1, (1,), ("the file's cells",))
+        first = MeshFamily(scene, 1, (1,), ("the file's cells",))
         solid = first.own.dimension == 3 and first.own.cell in SECOND
         return [replace(first, order=2), first] if solid else [first]
     extent, longest = [side for side in body.extent if side], max(body.extent)
@@ -130,14 +130,14 @@ def families(scene: Scene) -> list[Family]:
     if body.shape == "panel":
         holes = [2 * radius for _, _, radius in body.holes or ()]
         n = math.ceil(longest / min([size, *holes]))
-        return [Family(scene, order, (n, max(order_layers, math.ceil(extent[2] / size))), ("in the plane", "layers"))
+        return [MeshFamily(scene, order, (n, max(order_layers, math.ceil(extent[2] / size))), ("in the plane", "layers"))
                 for order, order_layers in ((2, 1), (1, 2))]
     if body.cell in PLANE_CELLS:
-        return [Family(scene, 1, base(2), ("x", "y"))]
-    return [Family(scene, order, base(least), ("x", "y", "z")) for order, least in ((2, 1), (1, 2))]
+        return [MeshFamily(scene, 1, base(2), ("x", "y"))]
+    return [MeshFamily(scene, order, base(least), ("x", "y", "z")) for order, least in ((2, 1), (1, 2))]
 
 
-def points_of(family: Family) -> tuple[Floats, Floats]:
+def points_of(family: MeshFamily) -> tuple[Floats, Floats]:
     """Points (M, 3) at which solutions are compared, and their shares (M,) of the volume."""
     body = family.body
     if body.shape in ("beam", "plate"):

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.accuracy.ladder import Family, Sizes, points_of
+from physics.accuracy.ladder import MeshFamily, Sizes, points_of
 from physics.body.stress import nodal_stress, recovery, von_mises_of
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.state import NoEquilibrium, State
@@ -62,7 +62,7 @@ class Pilots:
         InputError: the mesh is too coarse for the scene, or the scene is wrong
     """
 
-    def __init__(self, scene: Scene, families: list[Family], quantity: str, *, tolerance: float, small_strain: float) -> None:
+    def __init__(self, scene: Scene, families: list[MeshFamily], quantity: str, *, tolerance: float, small_strain: float) -> None:
         self.scene, self.quantity, self.tolerance, self.small_strain = scene, quantity, tolerance, small_strain
         self.points, self.weights = points_of(families[0])
         self.count, self.seconds = scene.steps.count, 0.0
@@ -70,7 +70,7 @@ class Pilots:
         self._known: dict[tuple[int, Sizes, float], Pilot] = {}
         self._last: Pilot | None = None
 
-    def __call__(self, family: Family, sizes: Sizes, tolerance: float | None = None) -> Pilot:
+    def __call__(self, family: MeshFamily, sizes: Sizes, tolerance: float | None = None) -> Pilot:
         tolerance = tolerance or self.tolerance
         key = family.order, sizes, tolerance
         if key not in self._known:
@@ -87,7 +87,7 @@ class Pilots:
     def __len__(self) -> int:
         return len(self._known)
 
-    def knows(self, family: Family, sizes: Sizes) -> bool:
+    def knows(self, family: MeshFamily, sizes: Sizes) -> bool:
         """Whether a mesh was solved."""
         return (family.order, sizes, self.tolerance) in self._known
 

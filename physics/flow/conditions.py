@@ -118,7 +118,6 @@ class OpenEdges:
         self._edges, self.nodes = edges, space.velocity.along_edges(space.mesh, edges)  # (F, k + 1) nodes in a row
         low = np.sort(edges, axis=1)
         away = np.diff(space.mesh.points[low][..., :2], axis=1)[:, 0]
-        self._length = np.hypot(*away.T)
         self._normal = np.stack([away[:, 1], -away[:, 0]], axis=1) * np.where(edges[:, 0] == low[:, 0], 1, -1)[:, None]  # times length
         self._values = _on_edge(space.order)
 

@@ -56,14 +56,14 @@ class Numbering:
         self._where = (ctypes.c_int64(len(self.order)), pointer(self.order))
         self._work = (pointer(self._x), pointer(self._scratch), ctypes.c_int64(self._most))
 
-    def factor(self, blocks: Floats) -> Factor:
+    def factor(self, blocks: Floats) -> PlanarFactor:
         """The factor of the sum of symmetric blocks (C, n, n). Raises `NotPositive`."""
         d = self._dissection
         values, work = aligned(d.numbers + 1), aligned(d.memory)
         values[:] = np.bincount(self._slot, blocks.ravel(), d.numbers + 1)
         if not factored(d, values, work, each=1) or not np.isfinite(values.sum()):
             raise NotPositive(f"a matrix of {len(d.order)} unknowns is not positive definite")
-        return Factor(self, values)
+        return PlanarFactor(self, values)
 
     def solve(self, values: Floats, right: Floats) -> Floats:
         right, found = np.ascontiguousarray(right), np.zeros(right.shape)
@@ -72,7 +72,7 @@ class Numbering:
         return found
 
 
-class Factor:
+class PlanarFactor:
     """A factor that is kept."""
 
     def __init__(self, numbering: Numbering, values: Floats) -> None:

@@ -28,7 +28,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from physics.flow.conditions import Conditions, OpenEdges
-from physics.flow.planar import Factor, Numbering
+from physics.flow.planar import Numbering, PlanarFactor
 from physics.flow.space import FlowSpace
 
 Floats = NDArray[np.float64]
@@ -85,7 +85,7 @@ class Stepper:
         self._weights = np.bincount(pressures.cells.ravel(), space.mass_of_pressure().sum(axis=2).ravel(), len(pinned))
         self._mass = space.matrix(space.mass)
         self._to_fixed = [_columns(matrix, conditions.fixed, held) for matrix in (self._mass, space.matrix(space.viscosity))]
-        self._factors: dict[float, Factor] = {}
+        self._factors: dict[float, PlanarFactor] = {}
         self._lifted: tuple[float, Floats, Floats] | None = None
 
     @property
@@ -141,7 +141,7 @@ class Stepper:
                 p -= self._weights @ p / self._weights.sum()
         self.memory = Memory(time, u, p, size, phi, phi if m.phi is None else m.phi, m.u, m.before, m.steps + 1)
 
-    def factor(self, a0: float) -> Factor:
+    def factor(self, a0: float) -> PlanarFactor:
         """Of a0 times the mass and the viscosity."""
         if a0 not in self._factors:
             if len(self._factors) >= KEPT:
@@ -160,7 +160,7 @@ class Stepper:
     def _correction(self, a0: float, leak: Floats) -> Floats:
         return self._laplacian.solve(-a0 * leak)
 
-    def _exact(self, factor: Factor, a0: float, u: Floats, p: Floats) -> tuple[Floats, Floats]:
+    def _exact(self, factor: PlanarFactor, a0: float, u: Floats, p: Floats) -> tuple[Floats, Floats]:
         """The velocity without divergence and its pressure, from a velocity with a guessed one."""
         none = np.zeros_like(u)
         residual = -self.space.divergence(u)

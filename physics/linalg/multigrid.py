@@ -23,7 +23,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from physics.linalg.rows import Rows
+from physics.linalg.rows import MatrixRows
 from physics.linalg.stiffness import Stiffness
 
 Floats = NDArray[np.float64]
@@ -69,7 +69,7 @@ class Multigrid:
         self.elasticity, self.comm = elasticity, MPI.COMM_WORLD if spread else MPI.COMM_SELF
         self.name = f"none: conjugate gradients with algebraic multigrid{f' on {self.comm.size} processes' * (self.comm.size > 1)}, {why}"
         self.iterations, self.set_ups, self._fresh, self._worn = 0, 0, 0, True
-        self._rows = Rows(elasticity, self.comm)
+        self._rows = MatrixRows(elasticity, self.comm)
         self._stiffness = np.zeros(len(self._rows.indices) + 1)
         self._set_matrices()
 

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-class Rows:
+class MatrixRows:
     """Rows of a matrix of blocks of three that has the sparsity of a body's stiffness.
 
     Attributes:

@@ -159,15 +159,6 @@ def mesh_continuity(points: ArrayLike, cells: Integers, cell: str) -> Floats:
         return np.mean(largest / smallest, axis=-1)
 
 
-def mesh_continuity_error(prediction: ArrayLike, truth: ArrayLike, cells: Integers, cell: str) -> Floats:
-    """(...) |MC(prediction) - MC(truth)| of positions (..., N, 3).
-
-    The paper's table calls this "MC", found "by comparing the predicted mesh to the ground-truth configuration"; its values
-    of 5e-3 to 5e-2 cannot be MC itself, which is never below 1.
-    """
-    return abs(mesh_continuity(prediction, cells, cell) - mesh_continuity(truth, cells, cell))
-
-
 def aspect_ratio(points: ArrayLike, cells: Integers, cell: str) -> Floats:
     """(..., C) longest edge over a length made of the area A or volume V.
 
@@ -188,11 +179,6 @@ def aspect_ratio(points: ArrayLike, cells: Integers, cell: str) -> Floats:
         if cell == "quadrilateral":
             return longest / np.sqrt(size)
         return longest / np.cbrt(size / IDEAL_VOLUME[cell])
-
-
-def aspect_ratio_error(prediction: ArrayLike, truth: ArrayLike, cells: Integers, cell: str) -> Floats:
-    """(...) AR: mean over the cells of |aspect ratio in the prediction - in the truth|, of positions (..., N, 3)."""
-    return np.mean(abs(aspect_ratio(prediction, cells, cell) - aspect_ratio(truth, cells, cell)), axis=-1)
 
 
 def scaled_jacobian(points: ArrayLike, cells: Integers, cell: str) -> Floats:

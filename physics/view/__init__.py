@@ -13,10 +13,10 @@ Legend: N nodes of the body, M nodes of the obstacle, F facets, T frames. Length
 """
 
 from physics.view.drawing import ObstacleSurface
-from physics.view.exhibit import Exhibit, Motion, mode_exhibit, path_exhibit
+from physics.view.exhibit import Animation, Exhibit, mode_exhibit, path_exhibit
 from physics.view.flow import flow_film, flow_picture
 from physics.view.pictures import film, frame_picture, mode_film, mode_picture, mode_pictures, segment_picture, still_picture
 from physics.view.viewer import section, shell, write_page
 
-__all__ = ["Exhibit", "Motion", "ObstacleSurface", "film", "flow_film", "flow_picture", "frame_picture", "mode_exhibit", "mode_film",
+__all__ = ["Animation", "Exhibit", "ObstacleSurface", "film", "flow_film", "flow_picture", "frame_picture", "mode_exhibit", "mode_film",
            "mode_picture", "mode_pictures", "path_exhibit", "section", "segment_picture", "shell", "still_picture", "write_page"]

@@ -22,7 +22,7 @@ from physics.body.stress import von_mises
 from physics.mesh.mesh import Mesh
 from physics.scene import Materials
 from physics.view.drawing import Floats, ObstacleSurface, eye_for, feature_edges, fit
-from physics.view.lowrank import Shapes, compress
+from physics.view.lowrank import LowRank, compress
 from physics.view.pictures import ERROR_COLOURS, SIZE_COLOURS, VALUE_COLOURS
 
 FIELD_COLOURS = "plasma"
@@ -32,7 +32,7 @@ FRAMES = 401  # at most
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class Animation:
     """displacement: (T, N, 3) [m]; fields: quantity with its unit in brackets -> (T, N) what else the body can be coloured by."""
 
     displacement: Floats
@@ -51,7 +51,7 @@ class Exhibit:
 
     title: str
     mesh: Mesh
-    motions: dict[str, Motion]
+    motions: dict[str, Animation]
     frames: Sequence[str]
     truth: str = ""
     obstacle: ObstacleSurface | None = None
@@ -84,7 +84,7 @@ def path_exhibit(title: str, mesh: Mesh, paths: dict[str, Floats], material: Mat
     chosen = np.unique(np.linspace(0, count - 1, min(FRAMES, count)).round().astype(int))
     last = count - 1 if steps is None else steps
     names = [f"step {first + k} of {last}" + ("" if step_seconds is None else f", {(first + k) * step_seconds:.4g} s") for k in chosen]
-    exhibit = Exhibit(title=title, mesh=mesh, motions={name: Motion(displacement=path[chosen]) for name, path in paths.items()},
+    exhibit = Exhibit(title=title, mesh=mesh, motions={name: Animation(displacement=path[chosen]) for name, path in paths.items()},
                       frames=names, truth=truth, obstacle=obstacle and ObstacleSurface(obstacle.points[chosen], obstacle.triangles))
     if material is None:
         return exhibit
@@ -104,8 +104,8 @@ def mode_exhibit(mesh: Mesh, modes: Floats, names: Sequence[str], frames: int = 
     for name, mode in zip(names, modes, strict=True):
         largest = float(abs(mode).max() if mode.ndim == 1 else np.linalg.norm(mode, axis=1).max()) or 1.0
         moving = np.multiply.outer(phases, mode / largest)
-        motions[name] = (Motion(displacement=amplitude * moving) if mode.ndim == 2 else
-                         Motion(displacement=np.zeros((frames, *mesh.points.shape)), fields={"value [of the largest]": moving}))
+        motions[name] = (Animation(displacement=amplitude * moving) if mode.ndim == 2 else
+                         Animation(displacement=np.zeros((frames, *mesh.points.shape)), fields={"value [of the largest]": moving}))
     return Exhibit(title="one period", mesh=mesh, motions=motions, unit=("of the largest", 1 / amplitude),
                    frames=[f"phase {360 * k / frames:g} degrees" for k in range(frames)])
 
@@ -146,7 +146,8 @@ def stored(exhibit: Exhibit, room: int) -> dict[str, Any]:
             "motions": [motion | {"drawn": _drawn(motion, quantities)} for motion in motions]}
 
 
-def _motion(name: str, motion: Motion, shown: NDArray[np.int64], truth: Motion | None, base: Shapes | None, room: int) -> dict[str, Any]:
+def _motion(name: str, motion: Animation, shown: NDArray[np.int64], truth: Animation | None, base: LowRank | None,
+            room: int) -> dict[str, Any]:
     """One motion; "within" is how far what the page shows is off at most, of each quantity."""
     moved = motion.displacement[:, shown].astype(np.float64)
     curves, above, within = {"displacement": _lengths(motion.displacement).max(axis=1)}, False, {}
@@ -199,13 +200,13 @@ def _obstacle(obstacle: ObstacleSurface | None, room: int) -> dict[str, Any] | N
             "motion": _words(_shapes(places - places[0], MOTION, room))}
 
 
-def _shapes(frames: Floats, share: float, room: int) -> Shapes:
+def _shapes(frames: Floats, share: float, room: int) -> LowRank:
     """Shapes of frames (T, n, k) that leave at most a share of the largest vector, as far as there is room."""
     each = (2 * frames[0].size + 4 * len(frames)) * 4 // 3  # [bytes] of a shape in base64
     return compress(frames, share * float(_lengths(frames).max()), max(1, room // each))
 
 
-def _words(shapes: Shapes) -> dict[str, Any]:
+def _words(shapes: LowRank) -> dict[str, Any]:
     return {"rank": len(shapes.shapes), "coefficients": packed(shapes.coefficients, "<f4"), "shapes": packed(shapes.shapes, "<i2")}
 
 

@@ -21,7 +21,7 @@ LARGEST = 32767  # of 16 bits
 
 
 @dataclass(frozen=True)
-class Shapes:
+class LowRank:
     """coefficients (T, R) float32, in the unit of the frames for one step of the shapes (R, n) int16; error: largest left at a node."""
 
     coefficients: NDArray[np.float32]
@@ -34,7 +34,7 @@ class Shapes:
         return self.coefficients.astype(np.float64) @ self.shapes.astype(np.float64)
 
 
-def compress(frames: NDArray[np.floating[Any]], tolerance: float, most: int | None = None) -> Shapes:
+def compress(frames: NDArray[np.floating[Any]], tolerance: float, most: int | None = None) -> LowRank:
     """Shapes of frames (T, N, k) that leave no node more than `tolerance` off, as the length of a vector of k components.
 
     With `most` there are at most so many shapes, whatever they leave; `error` says how much that is.
@@ -55,7 +55,7 @@ def compress(frames: NDArray[np.floating[Any]], tolerance: float, most: int | No
         left -= np.outer(much.astype(np.float64), rounded)
         error = _largest(left, frames.shape[2])
         coefficients, shapes = np.vstack([coefficients, much]), np.vstack([shapes, rounded.astype(np.int16)])
-    return Shapes(coefficients.T.copy(), shapes, error)
+    return LowRank(coefficients.T.copy(), shapes, error)
 
 
 def _largest(left: NDArray[np.float64], components: int) -> float:

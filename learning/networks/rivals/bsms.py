@@ -69,9 +69,9 @@ class BSMS(Network):
         super().__init__(config)
         hidden, levels = config.hidden, range(config.levels)
         self.encode = MLP(widths.node, hidden, hidden, affine=False)
-        self.down = nn.ModuleList([Block(hidden, widths) for _ in levels])
-        self.bottom = Block(hidden, widths)
-        self.up = nn.ModuleList([Block(hidden, widths) for _ in levels])
+        self.down = nn.ModuleList([MessageBlock(hidden, widths) for _ in levels])
+        self.bottom = MessageBlock(hidden, widths)
+        self.up = nn.ModuleList([MessageBlock(hidden, widths) for _ in levels])
         self.decode = MLP(hidden, hidden, widths.outputs, norm=False)
 
     def velocity(self, graph: Graph) -> Tensor:
@@ -110,7 +110,7 @@ class Edges:
         return cls(level.pair, level.contact_pair, mesh, contact)
 
 
-class Block(nn.Module):
+class MessageBlock(nn.Module):
     """One message over mesh edges and contact edges."""
 
     def __init__(self, hidden: int, widths: Widths) -> None:

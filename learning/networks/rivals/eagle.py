@@ -34,7 +34,7 @@ from torch import Tensor, nn
 
 from learning.graphs.graph import SOLID, Graph
 from learning.graphs.wants import Wants, Widths
-from learning.networks.blocks import MLP, PRECISIONS, Network, Rows, sum_at
+from learning.networks.blocks import MLP, PRECISIONS, Network, Padding, sum_at
 from learning.networks.m4gn import mean_of_segments
 from learning.networks.rivals.geometry import scale_of
 from physics.schema import InputError, quantity
@@ -112,10 +112,10 @@ class Eagle(Network):
             h, e, w = h + more, e + sent, None if w is None else w + felt
 
         order = graph.rank.argsort()
-        members = Rows(graph.segment[order], clusters)  # the nodes of each cluster
+        members = Padding(graph.segment[order], clusters)  # the nodes of each cluster
         states, _ = self.read(members.padded(torch.cat([h, code], dim=1)[order]))  # (K, nodes, V)
         s = self.encode_cluster(states[torch.arange(clusters, device=h.device), members.count - 1])  # (K, V)
-        rows = Rows(graph.graph_of_segment, graph.count)
+        rows = Padding(graph.graph_of_segment, graph.count)
         s, places = rows.padded(s), rows.padded(waves(centre))  # (B, S, V), (B, S, P / 2)
         for block in self.attend:
             s = block(s, places, rows.present)

@@ -30,7 +30,7 @@ from torch.nn.functional import scaled_dot_product_attention
 
 from learning.graphs.graph import SOLID, Graph
 from learning.graphs.wants import Wants, Widths
-from learning.networks.blocks import PRECISIONS, Network, Rows
+from learning.networks.blocks import PRECISIONS, Network, Padding
 from physics.schema import InputError, quantity
 
 
@@ -82,7 +82,7 @@ class Transolver(Network):
 
     def velocity(self, graph: Graph) -> Tensor:
         h = self.encode(graph.node) + self.shift  # (N, H)
-        rows = Rows(graph.owner, graph.count)
+        rows = Padding(graph.owner, graph.count)
         h = rows.padded(h)  # (B, S, H)
         for block in self.process:
             h = block(h, rows.present)

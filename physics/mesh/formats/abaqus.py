@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS, Corners
-from physics.mesh.formats.raw import Block, Raw, block
+from physics.mesh.formats.raw import CellBlock, Raw, block
 from physics.schema import InputError
 
 Integers = NDArray[np.int64]
@@ -209,7 +209,7 @@ def _members(deck: Deck, what: str, name: str, seen: tuple[str, ...] = ()) -> li
 
 
 def _raw(deck: Deck) -> Raw:
-    blocks: list[Block] = []
+    blocks: list[CellBlock] = []
     place: dict[tuple[str, int], tuple[int, int]] = {}  # part and label to block and row
     for (kind, size), rows in deck.tables.items():
         owners = [(part, label) for part, labels, _ in rows for label in labels.tolist()]
@@ -241,6 +241,6 @@ def _raw(deck: Deck) -> Raw:
                 facets.setdefault(len(corners), []).append(corners)
         for k, rows_of in facets.items():
             groups.setdefault((deck.spelled[name], k - 1 if k == 2 else 2), []).append((len(blocks), np.arange(len(rows_of))))
-            blocks.append(Block(FACES[k], np.stack(rows_of)))
+            blocks.append(CellBlock(FACES[k], np.stack(rows_of)))
     return Raw(np.array(deck.points, np.float64).reshape(-1, 3), blocks, groups, node_sets,
                np.array(deck.labels, np.int64))

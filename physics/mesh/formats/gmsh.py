@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS, Corners
-from physics.mesh.formats.raw import VTK_MIDDLES, Block, Raw, block, numbered
+from physics.mesh.formats.raw import VTK_MIDDLES, CellBlock, Raw, block, numbered
 from physics.schema import InputError
 
 Integers = NDArray[np.int64]
@@ -145,7 +145,7 @@ def _line(numbers: Numbers) -> int:
     return count
 
 
-def _elements_2(numbers: Numbers) -> tuple[list[Block], list[dict[int, Integers]]]:
+def _elements_2(numbers: Numbers) -> tuple[list[CellBlock], list[dict[int, Integers]]]:
     """The cells by type, and for each type which are in which physical group."""
     tables: dict[int, list[Integers]] = {}  # label, physical group, nodes
     count, done = (_line(numbers) if numbers.binary else numbers.one("i")), 0
@@ -173,7 +173,7 @@ def _elements_2(numbers: Numbers) -> tuple[list[Block], list[dict[int, Integers]
     blocks, groups = [], []
     for kind, parts in tables.items():
         table = np.concatenate(parts)
-        blocks.append(Block(TYPES[kind][0], table[:, 2:], table[:, 0]))
+        blocks.append(CellBlock(TYPES[kind][0], table[:, 2:], table[:, 0]))
         physical = abs(table[:, 1])
         groups.append({int(tag): np.flatnonzero(physical == tag) for tag in np.unique(physical[physical != 0])})
     return blocks, groups
@@ -232,13 +232,13 @@ def _nodes_4(numbers: Numbers, new: bool) -> tuple[Integers, NDArray[np.float64]
 
 
 def _elements_4(numbers: Numbers, groups_of: dict[tuple[int, int], Integers],
-                new: bool) -> tuple[list[Block], list[dict[int, Integers]]]:
+                new: bool) -> tuple[list[CellBlock], list[dict[int, Integers]]]:
     blocks, groups = [], []
     for _ in range(int(numbers.take("s", 4 if new else 2)[0])):
         first, second, kind = (int(n) for n in numbers.take("i", 3))
         dimension, tag = (first, second) if new else (second, first)
         count = numbers.one("s")
         table = numbers.take("s" if new else "i", count * (1 + _size(kind))).reshape(count, -1).astype(np.int64)
-        blocks.append(Block(TYPES[kind][0], table[:, 1:], table[:, 0]))
+        blocks.append(CellBlock(TYPES[kind][0], table[:, 1:], table[:, 0]))
         groups.append({int(physical): np.arange(count) for physical in groups_of.get((dimension, tag), ()) if physical})
     return blocks, groups

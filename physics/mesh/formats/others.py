@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from physics.foreign import read_foreign
 from physics.mesh.cell import CELLS, OF_MESHIO
-from physics.mesh.formats.raw import Block, Raw, block
+from physics.mesh.formats.raw import CellBlock, Raw, block
 
 Integers = NDArray[np.int64]
 TAGS = ("gmsh:physical", "medit:ref", "avsucd:material", "ugrid:ref", "netgen:index", "tetgen:ref", "CellEntityIds")
@@ -32,7 +32,7 @@ def read(path: Path) -> Raw:
 
 def of_meshio(found: Any) -> Raw:
     """What a mesh of meshio's says."""
-    blocks: list[Block] = []
+    blocks: list[CellBlock] = []
     labels = getattr(found, "cells_id", None) or [None] * len(found.cells)
     for cells, label in zip(found.cells, labels, strict=False):
         name, data = cells.type, cells.data

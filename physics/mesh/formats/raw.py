@@ -26,7 +26,7 @@ VTK_MIDDLES: dict[str, Corners] = {
 
 
 @dataclass(frozen=True)
-class Block:
+class CellBlock:
     """Cells of one kind.
 
     nodes: (C, n) numbers of nodes, corners first, in gmsh's order; labels: (C,) what the file calls the cells, if anything
@@ -48,20 +48,20 @@ class Raw:
     """
 
     points: Floats
-    blocks: list[Block]
+    blocks: list[CellBlock]
     groups: dict[tuple[str, int], list[tuple[int, Integers]]] = field(default_factory=dict)
     node_sets: dict[str, Integers] = field(default_factory=dict)
     labels: Integers | None = None
 
 
-def block(kind: str, nodes: Integers, labels: Integers | None = None, middles: Corners | None = None) -> Block:
+def block(kind: str, nodes: Integers, labels: Integers | None = None, middles: Corners | None = None) -> CellBlock:
     """A block with as many middles as its cells have further nodes; none if the cells have others. Raises `InputError` for other kinds."""
     if kind not in CELLS:
         raise InputError(f"has cells of kind {kind!r}; known are {', '.join(OF_MESHIO)}")
     extra = nodes.shape[1] - CELLS[kind].corners
     known = VTK_MIDDLES.get(kind, ()) if middles is None else middles
     fits = extra in (len(CELLS[kind].edges), len(known))
-    return Block(kind, nodes, labels, tuple(known[:extra]) if extra and fits else ())
+    return CellBlock(kind, nodes, labels, tuple(known[:extra]) if extra and fits else ())
 
 
 def numbered(labels: Integers, asked: Integers) -> Integers:
