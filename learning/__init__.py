@@ -8,7 +8,7 @@ A room imports what stands above it in this list, never below:
     devices       where networks run
     config, keys  what a training is asked for, and how that is told
     processes     several processes on one training
-    samples/      a frame of a trajectory as input and target, noise and scales included
+    samples/      a frame of a trajectory as input and target; noise and scales
     slender/      beams: theory, and a network for what it leaves over, all poses of a path at once
     bodies/       bodies of any shape: the shapes that they take, and a network for how much of each
     prediction/   a whole path from a predictor: a trained network, a hybrid, finite elements, or what knows nothing

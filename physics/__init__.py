@@ -12,8 +12,8 @@ A room imports what stands above it in this list, never below:
     fem             the only file that knows which dolfinx is installed
     linalg/         how K x = b and K x = lambda M x are solved
     body/           what energy and forces a deformed body has
-    contact/        where the obstacle is, and what it does to the body
-    equilibrium/    one equilibrium, and a path of them
+    contact/        where the obstacle is, its shapes, and the contact condition
+    equilibrium/    one equilibrium, and a path of them; when a factor is renewed
     modes/          how a body swings
     motion/         a body that swings through time
     reduced/        the same body in a few shapes

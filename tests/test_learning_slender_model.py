@@ -7,10 +7,11 @@ import pytest
 import torch
 
 from learning.bodies.at_once import is_at_once
+from learning.networks.stored import state_of
 from learning.slender.beam import see
 from learning.slender.features import Seen
 from learning.slender.many import Paths, alike, per_batch, predict_many
-from learning.slender.model import Scales, load_slender, scaled, state_of
+from learning.slender.model import Scales, load_slender, scaled
 from learning.slender.path import check_points, knots, predict
 from physics.mesh.build import build_mesh
 from physics.schema import InputError

@@ -10,10 +10,10 @@ import torch
 from datagen.files.trajectory import at_rest, write_trajectory
 from learning.bodies import samples as bodies
 from learning.bodies.model import load_bodies
-from learning.networks.stored import read_stored, write_stored
+from learning.networks.stored import read_stored, state_of, write_stored
 from learning.slender.beam import see
 from learning.slender.features import shown
-from learning.slender.model import Slender, load_slender, state_of
+from learning.slender.model import Slender, load_slender
 from learning.slender.samples import fingerprint, load_samples, sample_of, seen_of, since_touch, table_of
 from physics.mesh.build import build_mesh
 from physics.schema import InputError, to_table

@@ -7,7 +7,7 @@ Legend: P poses, A features, r shapes, M functions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -19,13 +19,13 @@ from learning.bodies.body import shown_signs
 from learning.bodies.shapes import mirror_signs, mirrors
 from learning.config import BodiesConfig
 from learning.networks.shapes import Shapes
-from learning.networks.stored import put_into, read_stored, under
+from learning.networks.stored import StoredScales, put_into, read_stored, under
 from learning.slender.model import MARGIN, scaled
 from physics.schema import InputError, read_table
 
 
 @dataclass(frozen=True)
-class Scales:
+class Scales(StoredScales):
     """pose (2, A): mean and standard deviation of features; answer (r,): root mean square of amounts over depth; low, high (A,): range of
     the training's features; degrees (M, 4), shapes (r, M, 3): as in shapes.py; bar (1,): by how much the expected error is multiplied
     for an error bar."""
@@ -37,10 +37,6 @@ class Scales:
     degrees: Tensor
     shapes: Tensor
     bar: Tensor
-
-    def tensors(self) -> dict[str, Tensor]:
-        """By name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 @dataclass(frozen=True)
@@ -90,11 +86,8 @@ def load_bodies(run: str | Path, name: str = "model") -> Bodies:
     path = Path(run) / f"{name}.safetensors"
     about, tensors = read_stored(path)
     config = read_table(BodiesConfig, about.get("config"), f"{path}: config")
-    try:
-        scales = Scales(**{field.name: tensors[f"scales.{field.name}"] for field in fields(Scales)})
-        network = Shapes(config.network, scales.pose.shape[1], len(scales.shapes))
-    except KeyError as error:
-        raise InputError(f"{path}: not a whole checkpoint: {error}") from None
+    scales = Scales.of(tensors, path)
+    network = Shapes(config.network, scales.pose.shape[1], len(scales.shapes))
     if scales.degrees.shape != (scales.shapes.shape[1], 4):
         raise InputError(f"{path}: was trained by an earlier version, in other functions: train it anew")
     put_into(network, under("weights.", tensors), path)

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.files.trajectory import Trajectory
+from physics.body.material import LAWS
 from physics.scene import Scene, read_any
 from physics.schema import InputError, parse_toml
 
-LAWS = ("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear")
 FEATURES = 3 + len(LAWS)
 
 

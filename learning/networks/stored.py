@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
@@ -14,6 +15,25 @@ from physics.schema import InputError
 from physics.whole import write_whole
 
 SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class StoredScales:
+    """What a network sees and says is scaled by: tensors that stand in its file as scales.NAME."""
+
+    @classmethod
+    def of(cls, tensors: dict[str, Tensor], path: Path) -> Self:
+        """Those of a file. Raises `InputError` where one is missing."""
+        try:
+            return cls(**{field.name: tensors[f"scales.{field.name}"] for field in fields(cls)})
+        except KeyError as error:
+            raise InputError(f"{path}: not a whole checkpoint: {error}") from None
+
+
+def state_of(network: nn.Module, scales: StoredScales) -> dict[str, Tensor]:
+    """What predicts, as tensors by name."""
+    return ({f"weights.{name}": value for name, value in network.state_dict().items()}
+            | {f"scales.{name}": value for name, value in vars(scales).items()})
 
 
 def write_stored(path: Path, about: dict[str, Any], tensors: dict[str, Tensor]) -> None:

@@ -7,26 +7,25 @@ Legend: P poses, S sections, A and B features of a pose and of a section.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from learning.config import SlenderConfig
 from learning.networks.sections import Sections
-from learning.networks.stored import put_into, read_stored, under
+from learning.networks.stored import StoredScales, put_into, read_stored, under
 from learning.slender.beam import FUNCTIONS
 from learning.slender.features import Seen
-from physics.schema import InputError, read_table
+from physics.schema import read_table
 
 FARTHEST = 5.0  # standard deviations at which a feature is cut off
 MARGIN = 0.1  # of a range's width by which a feature may leave it and still count as seen
 
 
 @dataclass(frozen=True)
-class Scales:
+class Scales(StoredScales):
     """pose (2, A), section (2, B): mean and standard deviation; answer (18,) root mean square of (target / unit);
     low, high (A,): range of the training's poses; bar (1,): by how much the expected error is multiplied for an error bar."""
 
@@ -36,10 +35,6 @@ class Scales:
     low: Tensor
     high: Tensor
     bar: Tensor
-
-    def tensors(self) -> dict[str, Tensor]:
-        """By name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 @dataclass(frozen=True)
@@ -77,28 +72,12 @@ def scaled(features: Tensor, scale: Tensor) -> Tensor:
     return ((features - scale[0]) / scale[1]).clamp(-FARTHEST, FARTHEST)
 
 
-class StoredScales(Protocol):
-    """Scales that are stored."""
-
-    def tensors(self) -> dict[str, Tensor]:
-        """By name."""
-
-
-def state_of(network: nn.Module, scales: StoredScales) -> dict[str, Tensor]:
-    """What predicts, as tensors by name."""
-    return ({f"weights.{name}": value for name, value in network.state_dict().items()}
-            | {f"scales.{name}": value for name, value in scales.tensors().items()})
-
-
 def load_slender(run: str | Path, name: str = "model") -> Slender:
     """The best predictor of a run folder. Raises `InputError` when the folder holds no whole one."""
     path = Path(run) / f"{name}.safetensors"
     about, tensors = read_stored(path)
     config = read_table(SlenderConfig, about.get("config"), f"{path}: config")
-    try:
-        scales = Scales(**{field.name: tensors[f"scales.{field.name}"] for field in fields(Scales)})
-        network = Sections(config.network, scales.pose.shape[1], scales.section.shape[1])
-    except KeyError as error:
-        raise InputError(f"{path}: not a whole checkpoint: {error}") from None
+    scales = Scales.of(tensors, path)
+    network = Sections(config.network, scales.pose.shape[1], scales.section.shape[1])
     put_into(network, under("weights.", tensors), path)
     return Slender(config, network.eval(), scales, str(run))

@@ -21,8 +21,9 @@ from torch import Tensor
 
 from learning.config import SlenderConfig
 from learning.networks.sections import Sections
+from learning.networks.stored import state_of
 from learning.slender.calibration import stretch
-from learning.slender.model import Scales, Slender, scaled, state_of
+from learning.slender.model import Scales, Slender, scaled
 from learning.slender.samples import Sample, Table, fingerprint, load_samples, mirror_signs, seen_of, table_of
 from learning.training.poses import doubted, refuse_trained, run
 

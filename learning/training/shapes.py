@@ -23,8 +23,9 @@ from learning.bodies.samples import Read, Sample, fingerprint, fitted, read, sam
 from learning.bodies.shapes import mirrors, powers
 from learning.config import BodiesConfig
 from learning.networks.shapes import Shapes
+from learning.networks.stored import state_of
 from learning.slender.calibration import stretch
-from learning.slender.model import scaled, state_of
+from learning.slender.model import scaled
 from learning.training.poses import doubted, refuse_trained, run
 
 

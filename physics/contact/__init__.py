@@ -1,7 +1,7 @@
 """Where are the obstacles, and what do they do to the body?
 
     obstacles    one on its path
-    shapes       what they look like: distance, normal, curvature, extents
+    shapes       what they look like, a class for each shape: distance, normal, curvature, extents
     tool         any closed surface of triangles, its distance made smooth
     closed       the exact distance to such a surface
     surfaces     their surfaces as meshes

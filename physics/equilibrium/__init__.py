@@ -2,7 +2,8 @@
 
     balance         what balances what in a scene
     state           what an equilibrium is, and where the next one is looked for
-    tangent         the linear algebra of a Newton step, contact included: a factor that is kept, or conjugate gradients
+    tangent         the linear algebra of a Newton step, contact included: a factor that is kept, and when it is
+                    renewed, or conjugate gradients
     mixing          Anderson acceleration of Newton steps with an old factor
     stability       when it is time to look whether a state is stable
     newton          one equilibrium

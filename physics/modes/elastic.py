@@ -14,7 +14,7 @@ along d; its effective mass is L_id^2 [kg]. Over all modes these add up to the m
 
 Sign and choice. An eigenvector is fixed up to its sign, those of a multiple eigenvalue (or of nearly equal ones, which a mesh
 splits at will) up to a rotation among them. What has a meaning is what does not change under either: the sum of phi phi^T
-over a cluster. `amplitudes` gives the root of its diagonal for each node.
+over a cluster, whose diagonal says how much each node moves.
 
 Legend: N nodes, m modes, g clusters.
 """
@@ -206,19 +206,6 @@ def _at(problem: Problem, scene: Scene, mesh: Mesh, at: tuple[Floats, float], sp
         matrix.destroy()
     stiffness, space, said = loaded_stiffness(scene, mesh, *at)
     return replace(problem, stiffness=stiffness, mass=fem.mass_matrix(space, _density(scene, mesh), stiffness)), space, (said,)
-
-
-def amplitudes(modes: Modes) -> Floats:
-    """(g, N) how much each node moves in each cluster of modes, free of sign and of the choice inside a cluster.
-
-    a_gi = sqrt( sum over the modes k of cluster g and components d of phi_kid^2 ), scaled to unit mean square over the nodes:
-    the root of the diagonal of sum_k phi_k phi_k^T, summed over a node's components. A rotation Q among the modes of a
-    cluster, phi -> Q phi, leaves it as it is because Q^T Q = 1; a change of sign is such a rotation. Unlike the modes
-    themselves it has a kink at nodal lines, so for distances between nodes take the modes and the norm over a cluster
-    (learning/segments/cut.py does), which is invariant too.
-    """
-    found = np.stack([np.sqrt((modes.shapes[list(members)] ** 2).sum(axis=(0, 2))) for members in modes.clusters])
-    return found / np.sqrt((found**2).mean(axis=1, keepdims=True))
 
 
 def remarks(pairs: Pairs, problem: Problem, mesh: Mesh) -> tuple[str, ...]:
