@@ -130,10 +130,10 @@ class Elastic:
 
     def answers(self, u: Floats, force: Floats) -> Floats:
         """R K^-1 R^T of forces (k, M) on the body at displacements (k, M): the rest stiffness, turned with each node."""
-        turns = [self._rotations(one) for one in u]
-        turned = np.array([np.einsum("nji,nj->ni", turn, f.reshape(-1, 3)).ravel() for turn, f in zip(turns, force, strict=True)])
-        solved = self.solve(turned.T).T
-        return np.array([np.einsum("nij,nj->ni", turn, one.reshape(-1, 3)).ravel() for turn, one in zip(turns, solved, strict=True)])
+        turns = np.array([self._rotations(one) for one in u])  # (k, N, 3, 3)
+        turned = np.einsum("knji,knj->kni", turns, force.reshape(len(u), -1, 3)).reshape(len(u), -1)
+        solved = self.solve(turned.T).T.reshape(len(u), -1, 3)
+        return np.einsum("knij,knj->kni", turns, solved).reshape(len(u), -1)
 
     def _rotations(self, u: Floats) -> Floats:
         """R (N, 3, 3) of the nodes, as far as strains are small: from the mean of H around them, whose skew part is sin(angle)

@@ -73,11 +73,9 @@ class Reduced:
         flat = components.reshape(len(components), -1)
         self._gram = (flat @ flat.T).astype(np.float64)
         self._gram[:r, :r] = np.eye(r)  # as it is with all points
-        self._slots = np.arange(r, len(flat))
-        pairs = np.empty((len(flat), r, r))  # of G the columns of q_i q_j, derived by q_i
-        pairs[:, self._first, self._second] = pairs[:, self._second, self._first] = self._gram[:, r:]
-        pairs[:, np.arange(r), np.arange(r)] *= 2
-        self._pairs = pairs.reshape(-1, r)
+        self._pair, self._twice = np.empty((r, r), np.int64), 1.0 + np.eye(r)
+        self._pair[self._first, self._second] = self._pair[self._second, self._first] = np.arange(r, len(flat))  # the row of q_i q_j
+        self._columns = (self._gram[:, self._pair] * self._twice).reshape(-1, r)  # (m r, r) so that times q it is G's part of products
 
     def _weigh(self, strain: Sequence[NDArray[np.float32]], out: NDArray[np.float32]) -> None:
         """Strains, the six PAIRS of components (k, Q) each, as six numbers whose squares add up to twice the energy: into (k, 6, Q)."""
@@ -93,27 +91,19 @@ class Reduced:
 
     def slope(self, q: Floats) -> Floats:
         """dW/dq (r,) at q (r,)."""
-        return self._parts(q).T @ self._forces(q)
+        forces = self._forces(q)
+        return forces[:len(q)] + (forces[self._pair] * self._twice) @ q
 
     def hessian(self, q: Floats) -> Floats:
-        """Second derivatives (r, r) of W at q (r,)."""
-        r, parts, forces = len(q), self._parts(q), self._forces(q)
-        bent = np.zeros((r, r))
-        bent[self._first, self._second] = forces[r:]
-        turned = self._gram[:, :r] + (self._pairs @ q).reshape(-1, r)  # G ds/dq
-        return parts.T @ turned + bent + bent.T
+        """Second derivatives (r, r) of W at q (r,): (ds/dq)^T G ds/dq, and what the forces on products add."""
+        r = len(q)
+        turned = self._gram[:, :r] + (self._columns @ q).reshape(-1, r)  # G ds/dq
+        products = np.einsum("ijk,ij,j->ik", turned[self._pair], self._twice, q, optimize=True)
+        return turned[:r] + products + self._forces(q)[self._pair] * self._twice
 
     def _forces(self, q: Floats) -> Floats:
+        """G s (m,)"""
         return self._gram @ np.concatenate([q, q[self._first] * q[self._second]])
-
-    def _parts(self, q: Floats) -> Floats:
-        """ds/dq (m, r)."""
-        r = len(q)
-        parts = np.zeros((len(self._gram), r))
-        parts[np.arange(r), np.arange(r)] = 1.0
-        parts[self._slots, self._first] = q[self._second]
-        parts[self._slots, self._second] += q[self._first]
-        return parts
 
 
 def derivatives(elastic: Elastic, loads: Floats, scale: float) -> list[Floats]:

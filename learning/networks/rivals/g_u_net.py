@@ -52,10 +52,7 @@ class GUNetConfig:
     levels: int = quantity(4, at_least=1, at_most=20)
     precision: str = quantity("float32", choice=PRECISIONS)
 
-    @property
-    def wants(self) -> Wants:
-        """What it asks of a graph."""
-        return Wants()
+    wants = Wants()  # what it asks of a graph
 
 
 class GUNet(Network):

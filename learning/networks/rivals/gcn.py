@@ -43,10 +43,7 @@ class GCNConfig:
     layers: int = quantity(15, at_least=1, at_most=100)
     precision: str = quantity("float32", choice=PRECISIONS)
 
-    @property
-    def wants(self) -> Wants:
-        """What it asks of a graph."""
-        return Wants()
+    wants = Wants()  # what it asks of a graph
 
 
 class GCN(Network):

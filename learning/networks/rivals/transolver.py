@@ -53,10 +53,7 @@ class TransolverConfig:
     slices: int = quantity(64, at_least=1, at_most=4096)
     precision: str = quantity("float32", choice=PRECISIONS)
 
-    @property
-    def wants(self) -> Wants:
-        """What it asks of a graph."""
-        return Wants()
+    wants = Wants()  # what it asks of a graph
 
 
 class Transolver(Network):
