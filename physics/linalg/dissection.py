@@ -35,7 +35,7 @@ COLUMNS = ("own", "rest", "panel", "first", "boundary", "child", "last", "made",
 PART = np.dtype([(name, np.int64) for name in COLUMNS])
 # One row of `Shares.task`: the parts from `first` up to `last`, how many tasks it waits for, which one waits for it, and its operations.
 TASK = np.dtype([(name, np.int64) for name in ("first", "last", "waits", "next", "work")])
-PIECES = 3  # subtrees that a thread gets, at least
+PIECES = 1.5  # subtrees for each thread, at least: more would share the work better, in more memory
 ROUTINES = ("dpotrf", "dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")
 
 SOURCE = (Path(__file__).parent / "dissection.cpp").read_text()
