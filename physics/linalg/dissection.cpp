@@ -163,16 +163,17 @@ extern "C" void forward_shared(I tasks, const Task *task, int threads, const Bla
 
 /* x := L^-T x for one right-hand side: what waits for others, then on several threads what others wait for. */
 extern "C" void backward(I tasks, const Task *task, int threads, const Blas *blas, const Part *part, const int32_t *boundary,
-                         const double *panels, double *x, double *scratch, I most) {
+                         const double *panels, double *x) {
   const auto run = [&](int thread, const Task &task) {
-    double *own = scratch + thread * most;
+    std::vector<double> own;
     for (I t = task.last - 1; t >= task.first; --t) {
       const Part p = part[t];
       const int s = p.s, b = p.b, f = s + b;
       const double *F = panels + p.panel;
       if (b) {
-        for (I j = 0; j < b / 3; ++j) memcpy(own + 3 * j, x + 3 * I(boundary[p.boundary + j]), 3 * sizeof(double));
-        blas[thread].gemv("T", &b, &s, &minus, F + s, &f, own, &unit, &one, x + 3 * p.first, &unit);
+        own.resize(b);
+        for (I j = 0; j < b / 3; ++j) memcpy(own.data() + 3 * j, x + 3 * I(boundary[p.boundary + j]), 3 * sizeof(double));
+        blas[thread].gemv("T", &b, &s, &minus, F + s, &f, own.data(), &unit, &one, x + 3 * p.first, &unit);
       }
       blas[thread].trsv("L", "T", "N", &s, F, &f, x + 3 * p.first, &unit);
     }

@@ -238,7 +238,6 @@ class Panels:
         self._library, self._given = _library(), _given(self._shares)
         self._every = np.arange(len(dissection.part))
         self._rows = np.arange(len(dissection.order))
-        self._most = int(dissection.part["rest"].max())
 
     def factor(self) -> bool:
         """Turn the entries in `values` into those of the factor; False when there is none."""
@@ -252,7 +251,8 @@ class Panels:
             left = np.empty(3 * len(d.boundary))
             self._library.forward_shared(*self._given, *tables, pointer(self.values), pointer(x), pointer(left))
             return x
-        chosen, scratch = self._every if parts is None else parts, np.empty(self._most * k)
+        chosen = self._every if parts is None else parts
+        scratch = np.empty(int(d.part["rest"].max()) * k)
         self._library.forward(
             ctypes.c_int64(len(chosen)), pointer(chosen), *tables, pointer(self._rows if rows is None else rows), ctypes.c_int(k),
             pointer(self.values), pointer(x), pointer(scratch), pointer(self._shares.blas))
@@ -260,9 +260,8 @@ class Panels:
 
     def backward(self, x: Floats) -> Floats:
         """L^-T x in place, x (N, 3)."""
-        d, scratch = self.dissection, np.empty((len(self._shares.blas), self._most))
-        self._library.backward(*self._given, pointer(d.part), pointer(d.boundary), pointer(self.values), pointer(x), pointer(scratch),
-                               ctypes.c_int64(self._most))
+        d = self.dissection
+        self._library.backward(*self._given, pointer(d.part), pointer(d.boundary), pointer(self.values), pointer(x))
         return x
 
     def columns(self, places: Integers, free: NDArray[np.bool_]) -> tuple[Integers, Floats]:

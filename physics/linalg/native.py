@@ -74,7 +74,9 @@ def _copied(thread: int) -> ctypes.CDLL | None:
     """A further thread's copy of OpenBLAS, None where it needs none."""
     for library in loaded("openblas"):
         if hasattr(library, "dpotrf_") and hasattr(library, "openblas_get_parallel") and not library.openblas_get_parallel():
-            with tempfile.TemporaryDirectory(dir=fem.cache_folder()) as scratch:  # the same file would be the same library
+            folder = fem.cache_folder()
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=folder) as scratch:  # the same file would be the same library
                 copy = shutil.copyfile(library._name, Path(scratch) / "blas.so")
                 return ctypes.CDLL(str(copy), mode=os.RTLD_LOCAL | os.RTLD_DEEPBIND)
     return None
