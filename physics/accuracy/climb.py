@@ -6,8 +6,9 @@ cells of this order usually have. The next mesh is the one with the fewest nodes
     minimise prod_i n_i^(w_i)   with   sum_i e_i n_i^-p = what is allowed:   e_i n_i^-p / w_i = E for every direction that is refined
 
 (w_i: directions of the body that number i counts along). It is solved, and how far it is from the mesh before says how far the error is
-down (estimate.py), by its own order and with all that the directions do to each other. A step is at most FARTHEST times finer. The last
-mesh is the answer: nothing finer is solved.
+down (estimate.py), by its own order and with all that the directions do to each other. A step is at most FARTHEST times finer. When a
+mesh is there that keeps the error, any that was solved keeps it too whose distance from that one, and its error, are below what is
+asked together: the cheapest of them is the answer.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from physics.accuracy.estimate import FIRST, ROUNDING, Estimate, coarse, distance, estimate, looked
+import numpy as np
+
+from physics.accuracy.estimate import FIRST, ROUNDING, Estimate, coarse, distance, estimate, looked, norm
 from physics.accuracy.ladder import Family, Sizes
 from physics.accuracy.pilot import Floats, Pilot, cost
 from physics.equilibrium.state import NoEquilibrium
@@ -46,6 +49,8 @@ class Source(Protocol):
 
     def first(self, order: int) -> list[Pilot]: ...
 
+    def solved(self, order: int) -> list[tuple[Sizes, Pilot]]: ...
+
 
 @dataclass
 class Climb:
@@ -54,6 +59,7 @@ class Climb:
     target: error; most: nodes of a mesh; sizes: where it is; error, order, how: of that mesh, as in `Estimate`
     shares: of each direction, in parts of the error; ladder: meshes on the way, each with its error as it was known then
     reached: whether the error is below the target; ended: whether there is nothing more to try; why: it cannot be solved
+    checked: the finer mesh that says so
     """
 
     family: Family
@@ -68,15 +74,22 @@ class Climb:
     ladder: list[tuple[Sizes, float]] = field(default_factory=list)
     reached: bool = False
     ended: bool = False
+    checked: Sizes | None = None
     why: NoEquilibrium | InputError | None = None
     _irregular: int = 0
-    _alone: list[tuple[float, float]] = field(default_factory=list)
+    _alone: list[tuple[float, Floats]] = field(default_factory=list)
     _fine: list[float] = field(default_factory=list)
     _differences: list[float] = field(default_factory=list)
 
     @property
     def pilot(self) -> Pilot:
         return self.pilots(self.family, self.sizes)
+
+    @property
+    def said(self) -> str:
+        """How its error is known."""
+        falls = f"error falls as h^{self.order:.2g} ({self.how})"
+        return falls if self.checked is None else f"held against {self.family.said(self.checked)}, whose {falls}"
 
     @property
     def parts(self) -> dict[int, Estimate]:
@@ -122,6 +135,8 @@ class Climb:
         self.ladder.append((self.sizes, self.error))
         self.reached = self.error <= self.target * (ALONE_ENOUGH if len(self.ladder) == 1 else 1)
         self.ended = self.reached or self._irregular >= PATIENCE
+        if self.reached:
+            self._settle()
 
     def _begin(self) -> None:
         """Solve the coarsest mesh that can hold the scene: its obstacle and its places by coordinates may be too small for coarser ones."""
@@ -142,16 +157,16 @@ class Climb:
 
     def _look(self) -> float:
         """Refine each direction alone: the shares, and what they add up to with the order of two meshes."""
-        usual, first, error = USUAL[self.family.order], FIRST[self.pilots.quantity], 0.0
-        here = self.pilot
+        usual, first, here = USUAL[self.family.order], FIRST[self.pilots.quantity], self.pilot
+        whole = np.zeros_like(here.values)
         for axis, n in enumerate(self.sizes):
             there = self.family.after(self.sizes, axis)
             ratio = n / there[axis]
-            change = distance(here.values, self.pilots(self.family, there).values, self.pilots.weights)
-            self.shares.append(coarse(ratio, change, usual))
-            self._alone.append((ratio, change))
-            error += coarse(ratio, change, first)
-        return error
+            finer = self.pilots(self.family, there).values
+            self.shares.append(coarse(ratio, distance(here.values, finer, self.pilots.weights), usual))
+            self._alone.append((ratio, finer - here.values))
+            whole += (finer - here.values) / (1 - ratio**first)
+        return distance(here.values, here.values + whole, self.pilots.weights)
 
     def _next(self) -> bool:
         """A finer mesh, by as much as the error known asks for; False where that has too many nodes."""
@@ -169,12 +184,25 @@ class Climb:
         self._differences.append(distance(before.values, after.values, self.pilots.weights))
         times = [m / n for n, m in zip(self.ladder[0][0], there, strict=True)]
         if len(self._differences) == 1:
-            found = looked(self._alone, times, self._differences[0], usual, quantity)
+            size = norm(after.values, self.pilots.weights)
+            alone = [(ratio, off / size) for ratio, off in self._alone]
+            found = looked(alone, times, self._differences[0], usual, quantity, self.pilots.weights)
         else:
             found = estimate(self._fine, self._differences, highest - (quantity == "stress"), quantity)
         self.error, self.order, self.how = found.error, found.order, found.how
         self._irregular = self._irregular + 1 if self.how == "irregular" else 0
         return True
+
+    def _settle(self) -> None:
+        """Step back to the cheapest mesh that keeps the error by its distance from the one that was reached."""
+        order, weights, finest, usual = self.family.order, self.pilots.weights, self.pilot, USUAL[self.family.order]
+        keep = [(cost(pilot.nodes, order), sizes, error) for sizes, pilot in self.pilots.solved(order)
+                if (error := distance(pilot.values, finest.values, weights) + self.error) <= self.target]
+        best, sizes, error = min(keep, default=(math.inf, self.sizes, self.error))
+        if best < cost(finest.nodes, order):
+            self.shares = [share * (n / m) ** usual for share, n, m in zip(self.shares, self.sizes, sizes, strict=True)]
+            self.ladder = [*(rung for rung in self.ladder if self.nodes(rung[0]) < self.nodes(sizes)), (sizes, error)]
+            self.checked, self.sizes, self.error = self.sizes, sizes, error
 
     def _towards(self, need: float) -> Sizes:
         """The mesh with the fewest nodes that is so many times finer than this one in what its shares add up to."""

@@ -19,11 +19,11 @@ CANDIDATES, NEWTON_STEPS = 24, 6
 
 
 def interpolate(mesh: Mesh, displacement: Floats, points: Floats, outside_by: float = 1e-6,
-                candidates: int = CANDIDATES) -> Floats:
+                candidates: int = CANDIDATES, steps: int = NEWTON_STEPS) -> Floats:
     """(T, M, 3) displacements at other rest points (M, 3), by the shape functions of the cell that holds each of them.
 
     The cell is sought among the `candidates` with the nearest centres (of even boxes one is enough),
-    by Newton's iteration on the isoparametric map.
+    by `steps` of Newton's iteration on the isoparametric map.
     (vtkProbeFilter of VTK 9.7.2 takes some points on the faces of prisms from outside of a wrong prism.)
     Raises ValueError when a point lies in no cell by more than `outside_by` of the cell's size; what lies outside is extrapolated.
     """
@@ -36,7 +36,7 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats, outside_by: fl
     first = CELLS[CELLS[mesh.cell].first or mesh.cell]
     at = np.full((*near.shape, 3), 0.25 if first.name == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
     at[..., flat] = 0.0
-    for _ in range(NEWTON_STEPS):
+    for _ in range(steps):
         values, gradients = CELLS[mesh.cell].shapes(at)
         missing = points[:, None] - np.einsum("mkn,mknd->mkd", values, corners)
         jacobian = np.einsum("mkne,mknd->mkde", gradients, corners)
