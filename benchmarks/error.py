@@ -4,17 +4,17 @@
     .venv/bin/python -m benchmarks.error --seed 100 --count 40 --keep out.jsonl     goes on where it was stopped
 
 Scenes (`draw`) are thick and thin beams, plates, plane sheets and panels with holes, of all laws, under all kinds of obstacles, forces,
-weights and supports that move, in 400 steps, as a scene has that does not say. "True" is the error at four steps against a
-reference: cells of second order (of a sheet: its own), with the numbers of cells along each direction that the smallest error came to,
-times REFERENCE, and of 3/4 and 1/2 of that; it is what the two finer are extrapolated to by the order that all three show, and "of the
-reference" is how far that is from what the two coarser are extrapolated to. A scene that takes longer than --limit, or has no
-equilibrium, has one row that says so. The last rows are of the answers whose reference is ten times as good as what is asked.
+weights and supports that move, in 400 steps, as a scene has that does not say. "True" is the error at four steps against a reference:
+cells of second order (of a sheet: its own), with numbers of cells along each direction of up to twice those that the smallest error came
+to, as far as LARGEST allows, and of 3/4 and 1/2 of that; it is what the two finer are extrapolated to by the order that all three show,
+and "of the reference" is how far that is from what the two coarser are extrapolated to. A scene that takes longer than --limit, or has
+no equilibrium, has one row that says so. The last rows are of the answers whose reference is ten times as good as what is asked.
 
 The uniform mesh has standard cells of first order (hexahedra; of a panel tetrahedra; of a sheet its own), as long as wide and high, and
-is the first of L / 8, L / 12, L / 18, ... that has the error asked at those four steps. It alone is solved in all steps; "> x" where it
-was stopped at SETTLED times the answer's seconds, or where no mesh of at most --most nodes has the error: then it is the finest one. Its
-true time is longer, so that the median over all is at most what is said. Seconds are the processor's of all of it, search and checks
-included.
+is the first of L / 8, L / 12, L / 18, ... that has the error asked at those four steps. It alone is solved in all steps; "~ x" where it
+was stopped after --longest seconds: what it took, by how many of the steps it had done (the first, which nothing touches, take least).
+">= x" where no mesh of at most --most nodes has the error: then it is the next one, whose error is not looked at.
+Seconds are the processor's of all of it, search and checks included.
 """
 
 import json
@@ -39,10 +39,9 @@ from physics.mesh.build import build_mesh
 from physics.scene import read_scene
 from physics.solution import solve
 
-ERRORS, MOST, STEPS = (0.03, 0.01, 0.003), 10_000, 400
-SETTLED = 4  # times an answer's seconds, after which a uniform mesh is stopped: a quarter is what is asked
-REFERENCE = {0: 1.6, 1: 0.9, 2: 1.6}  # times the cells of an answer: of a sheet, of one of first and of second order
-CELLS = 2, 3, 4  # a reference's meshes, in parts of their numbers of cells
+ERRORS, MOST, STEPS = (0.03, 0.01, 0.003), 8000, 400
+FINER, LARGEST = (2.0, 1.5, 1.2, 1.0, 0.8), 9000  # a reference's cells over an answer's, the first with at most so many nodes
+CELLS = 2, 3, 4  # its meshes, in parts of their numbers of cells
 
 
 def draw(seed, steps=STEPS):
@@ -117,11 +116,14 @@ def reference(scene, choice, solution):
     climb, pilots = choice.climb, choice.pilots
     frames, fractions = poses(scene.steps.count)
     family = max(families(scene), key=lambda one: one.order)
-    finer = REFERENCE[climb.family.order] if family.order == 2 else REFERENCE[0]
+    second = 0.6 if climb.family.order < family.order else 1.0
+    for finer in FINER:
+        parts = [math.ceil(finer * second * cells / CELLS[-1]) for cells in climb.sizes]
+        if len(family.rung(tuple(CELLS[-1] * part for part in parts))[1].points) <= LARGEST:
+            break
     near, found = Pilot(solution.mesh, np.zeros(0), solution.displacement[frames], 0.0), []
     for n in CELLS:
-        sizes = tuple(n * math.ceil(finer * cells / CELLS[-1]) for cells in climb.sizes)
-        near = pilots.beside(*family.rung(sizes), 1e-7, near, fractions)
+        near = pilots.beside(*family.rung(tuple(n * part for part in parts)), 1e-7, near, fractions)
         found.append(near.values)
     changes = [distance(one, other, pilots.weights) for one, other in pairwise(found)]
     order = max(1.0, observed_order(CELLS, changes, family.highest))
@@ -141,13 +143,12 @@ class Uniform:
         self.errors, self.ran = {}, {}
 
     def mesh(self, k):
-        """The scene with a mesh, or None where that has too many nodes."""
+        """The scene with a mesh, and about how many nodes that has."""
         body, extent = self.scene.body, [side for side in self.scene.body.extent if side]
         size = max(extent) / (8 * 1.5**k)
         numbers = tuple(max(1, round(side / size)) for side in extent)
-        if np.prod([n + 1 for n in numbers]) > self.most:
-            return None
-        return replace(self.scene, body=replace(body, cells=None, cell_size=size, layers=numbers[2], cell="tetrahedron")
+        nodes = np.prod([n + 1 for n in numbers])
+        return nodes, replace(self.scene, body=replace(body, cells=None, cell_size=size, layers=numbers[2], cell="tetrahedron")
                        if body.shape == "panel" else replace(body, cells=numbers, cell=body.cell if len(numbers) == 2 else "hexahedron"))
 
     def error(self, k, scene):
@@ -162,27 +163,33 @@ class Uniform:
         return self.errors[k]
 
     def first(self, error, longest):
-        """Processor seconds of all steps on the first mesh that has an error, its nodes, and whether it has it and was done in a time."""
-        known = [(k, scene) for k in range(12) if (scene := self.mesh(k)) is not None]
-        k, scene = next(((k, scene) for k, scene in known if self.error(k, scene) <= error), known[-1])
-        if k not in self.ran or not (self.ran[k][2] or self.ran[k][0] >= longest):
+        """Processor seconds of all steps on the first mesh that has an error, its nodes, whether it has it, and whether it was done."""
+        k, has = 0, False
+        while True:
+            nodes, scene = self.mesh(k)
+            if nodes > self.most or (has := self.error(k, scene) <= error):
+                break
+            k += 1
+        if k not in self.ran:
             self.ran[k] = timed(scene, longest)
         seconds, nodes, done = self.ran[k]
-        return seconds, nodes, self.error(k, scene) <= error, done
+        return seconds, nodes, has, done
 
 
 def timed(scene, longest):
-    """Processor seconds of a scene, its nodes, and whether it was done in so many."""
-    start, mesh = time.process_time(), build_mesh(scene.body)
+    """Processor seconds of a scene, its nodes, and whether it was done in so many; else what it would take by the steps it had done."""
+    start, mesh, done = time.process_time(), build_mesh(scene.body), 0
 
     def watch(step):
+        nonlocal done
+        done = step
         if time.process_time() - start > longest:
             raise TimeoutError
 
     try:
         solve(scene, mesh=mesh, on_step=watch)
     except TimeoutError:
-        return longest, len(mesh.points), False
+        return (time.process_time() - start) * scene.steps.count / done, len(mesh.points), False
     return time.process_time() - start, len(mesh.points), True
 
 
@@ -197,7 +204,7 @@ def one(seed, options):
     uniform, rows = Uniform(scene, near, values, choice.pilots, options.most), []
     for error, choice, solution, verdict, seconds in answers:
         true = distance(choice.pilots.of(choice.scene, solution, frames), values, choice.pilots.weights)
-        other, nodes, has, done = uniform.first(error, SETTLED * seconds)
+        other, nodes, has, done = uniform.first(error, options.longest)
         rows.append({"scene": f"{seed}: {name}", "asked": error, "estimated": verdict.estimated, "true": true, "of the reference": own,
                      "promised": verdict.reached, "mesh": choice.climb.family.said(choice.climb.sizes), "nodes": len(choice.mesh.points),
                      "seconds": seconds, "uniform": other, "its nodes": nodes, "has": has, "done": done})
@@ -211,8 +218,8 @@ def shown(row):
     return {"scene": row["scene"], "asked": f"{row['asked']:.1%}", "estimated": f"{row['estimated']:.2%}", "true": f"{row['true']:.2%}",
             "of the reference": f"{row['of the reference']:.3%}", "promised": "yes" if row["promised"] else "no", "mesh": row["mesh"],
             "nodes": row["nodes"], "seconds": f"{row['seconds']:.2g}",
-            "uniform, seconds": f"{'' if row['has'] and row['done'] else '> '}{row['uniform']:.2g}",
-            "its nodes": f"{'' if row['has'] else '> '}{row['its nodes']}"}
+            "uniform, seconds": f"{'' if row['has'] else '>= '}{'' if row['done'] else '~ '}{row['uniform']:.2g}",
+            "its nodes": f"{'' if row['has'] else '>= '}{row['its nodes']}"}
 
 
 def summed(rows, asked):
@@ -238,6 +245,7 @@ def main():
     parser.add_argument("--errors", type=float, nargs="+", default=ERRORS)
     parser.add_argument("--steps", type=int, default=STEPS)
     parser.add_argument("--most", type=int, default=MOST, help="nodes of a mesh, chosen or uniform")
+    parser.add_argument("--longest", type=float, default=5, help="processor seconds of a uniform mesh, before it is reckoned")
     parser.add_argument("--limit", type=int, default=300, help="processor seconds for a scene")
     parser.add_argument("--minutes", type=float, default=math.inf, help="no scene is begun after so long")
     parser.add_argument("--keep", type=Path, help="a file of finished scenes, to go on from")

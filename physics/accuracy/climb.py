@@ -28,6 +28,7 @@ from physics.schema import InputError
 
 USUAL = {1: 1.5, 2: 2.0}  # order of the error of cells of first and second order, with supports and contact
 NEAREST, FARTHEST = 1.3, 2.0  # times finer is the next mesh
+SHORTER = 1.15  # a step that has too many nodes
 AIM = 0.9  # of the target, as numbers of cells are whole
 ALONE = 0.5  # power of that by which a direction with a small share is refined with the others, so that it is seen
 ALONE_ENOUGH = 0.1  # of the target: an error of the coarsest mesh that needs no other mesh to be believed
@@ -169,12 +170,13 @@ class Climb:
         return distance(here.values, here.values + whole, self.pilots.weights)
 
     def _next(self) -> bool:
-        """A finer mesh, by as much as the error known asks for; False where that has too many nodes."""
+        """A finer mesh, by as much as the error known asks for or the nodes allow; False where NEAREST is too much."""
         order = USUAL[self.family.order] if self.how == "assumed" else self.order
         need = min(max((self.error / (AIM * self.target)) ** (1 / order), NEAREST), FARTHEST)
-        there = self._towards(need)
-        if self.nodes(there) > self.most:
-            return False
+        while self.nodes(there := self._towards(need)) > self.most:
+            if need <= NEAREST:
+                return False
+            need = max(need / SHORTER, NEAREST)
         quantity, highest = self.pilots.quantity, self.family.highest
         before, after = self.pilot, self.pilots(self.family, there)
         usual, was = USUAL[self.family.order], sum(self.shares)
