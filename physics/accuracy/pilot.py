@@ -25,7 +25,7 @@ from physics.body.stress import nodal_stress, recovery, von_mises_of
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.state import NoEquilibrium, State
 from physics.mesh.mesh import Mesh
-from physics.mesh.transfer import CANDIDATES, NEWTON_STEPS, interpolate
+from physics.mesh.transfer import CANDIDATES, interpolate
 from physics.scene import Scene
 from physics.solution import Solution, solve
 
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 POSES = 4  # and two for each leg of a path or row of a table
 HALF = 0.6  # of the last displacement: the other pose on a path that goes one way
 EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "triangle": 6}  # cells of even boxes among which one holds a point
-EVEN_STEPS = 2  # of Newton's iteration there: the map is linear
+FEW = 4  # nearest cells among which one mostly holds a point
 POWER, IDLE = 1.3, 300  # a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows
 SECOND = 1.7  # times as much with cells of second order
 
@@ -120,8 +120,7 @@ class Pilots:
     def carried(self, mesh: Mesh, values: Floats, points: Floats, outside_by: float = 1e-6) -> Floats:
         """(K, M, d) what nodes have (K, N, d) at points (M, 3) of the body, or outside of it by so many cells."""
         even = EVEN.get(mesh.cell, CANDIDATES) if self.scene.body.shape in ("beam", "plate") else CANDIDATES
-        steps = NEWTON_STEPS if even == CANDIDATES else EVEN_STEPS
-        return np.asarray(interpolate(mesh, values, points, outside_by=outside_by, candidates=even, steps=steps))
+        return np.asarray(interpolate(mesh, values, points, outside_by=outside_by, candidates=even, few=min(even, FEW)))
 
     def _fewer(self, found: Pilot) -> Pilot:
         """Keep the poses that are enough from here on."""

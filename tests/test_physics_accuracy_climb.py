@@ -1,0 +1,80 @@
+"""The way from coarse to fine, on solutions that are made: an exact one and an error that is a power of the cells along each direction."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from physics.accuracy.choose import MESH
+from physics.accuracy.climb import Climb
+from physics.accuracy.ladder import families
+from physics.accuracy.pilot import Pilot
+from tests.scenes import beam
+
+
+@dataclass
+class Made:
+    """1 + x_error n^-2 along one component, and y_error m^-2, z_error l^-2 along two others."""
+
+    errors: tuple[float, float, float]
+    quantity: str = "displacement"
+    count: int = 400
+    fractions: np.ndarray = field(default_factory=lambda: np.ones(1))
+    weights: np.ndarray = field(default_factory=lambda: np.ones(1))
+    known: dict = field(default_factory=dict)
+
+    def __call__(self, family, sizes):
+        if sizes not in self.known:
+            mesh = SimpleNamespace(points=np.zeros((np.prod([n + 1 for n in sizes]), 3)))
+            values = np.array([1.0, 0, 0, 0]) + [0.0, *(error * n**-2.0 for error, n in zip(self.errors, sizes, strict=True))]
+            self.known[sizes] = Pilot(mesh, values[None, None], np.zeros((1, 0, 3)), 0.0)
+        return self.known[sizes]
+
+    def first(self, order):
+        return list(self.known.values())[:1]
+
+    def solved(self, order):
+        return list(self.known.items())
+
+
+def climbed(errors, target, most=10**6):
+    """The whole way with cells of first order from 6 x 2 x 2, and what was solved on it."""
+    family = families(beam(body={"length": 0.06, "width": 0.02, "height": 0.02}, steps={"count": 400, "error": 0.01}))[1]
+    made = Made(errors)
+    climb = Climb(family, made, target, most, family.base)
+    while not climb.ended:
+        climb.go_on()
+    return climb, made
+
+
+def true(errors, sizes):
+    """Of the values over their size, which is about one."""
+    return float(np.linalg.norm([error * n**-2.0 for error, n in zip(errors, sizes, strict=True)]))
+
+
+@pytest.mark.parametrize("errors", [(1.0, 0.01, 0.02), (3.0, 0.2, 0.1), (0.2, 0.2, 0.2)])
+@pytest.mark.parametrize("target", [0.02, 0.005, 0.001])
+def test_the_error_is_kept_with_the_share_of_it_that_a_mesh_may_make(errors, target):
+    """The estimate knows neither that the order is 2 nor that errors add up as vectors; what is asked is the target over MESH."""
+    climb, _ = climbed(errors, target)
+    assert climb.reached and climb.error <= target and true(errors, climb.sizes) <= min(target / MESH, 1.1 * climb.error)
+
+
+def test_the_answer_is_the_cheapest_mesh_that_was_solved_which_keeps_the_error_by_what_is_known_of_the_finest():
+    """Cells along x alone matter. On 6 of them 0.9 / 36 is off by 0.025, 0.03 is asked: 9 say so, and are not needed."""
+    errors = (0.9, 0.0, 0.0)
+    climb, made = climbed(errors, 0.03)
+    finest = max(made.known, key=lambda sizes: made.known[sizes].nodes)
+    assert climb.sizes == (6, 2, 2) != finest == climb.checked and "held against" in climb.said
+    keep = [sizes for sizes, pilot in made.known.items() if true(errors, sizes) <= 0.03 and pilot.nodes < made.known[climb.sizes].nodes]
+    assert not keep and true(errors, climb.sizes) == pytest.approx(0.025) and 0.025 < climb.error <= 0.03
+    assert climb.ladder == [((6, 2, 2), climb.error)]
+
+
+def test_a_step_that_has_too_many_nodes_is_shortened():
+    """To 0.0005 it is 10 times finer along x, twice a step: the second has 24 cells x 9 nodes or more, of which 150 are allowed."""
+    climb, made = climbed((1.8, 0.0, 0.0), 0.0005, most=150)
+    steps = sorted({sizes[0] for sizes in made.known})
+    assert climb.ended and not climb.reached and 12 <= climb.sizes[0] < 16 and climb.sizes[0] == steps[-1]
+    assert all(pilot.nodes <= 150 for pilot in made.known.values())
