@@ -12,7 +12,7 @@ no equilibrium, has one row that says so. The last rows are of the answers whose
 
 The uniform mesh has standard cells of first order (hexahedra; of a panel tetrahedra; of a sheet its own), as long as wide and high, and
 is the first of L / 8, L / 12, L / 18, ... that has the error asked at those four steps. It alone is solved in all steps; "~ x" where it
-was stopped after --longest seconds: what it took, by how many of the steps it had done (the first, which nothing touches, take least).
+was stopped after --longest seconds: what all steps would take as those after the first had (those that nothing touches take least).
 ">= x" where no mesh of at most --most nodes has the error: then it is the next one, whose error is not looked at.
 Seconds are the processor's of all of it, search and checks included.
 """
@@ -41,6 +41,8 @@ from physics.solution import solve
 
 ERRORS, MOST, STEPS = (0.03, 0.01, 0.003), 8000, 400
 FINER, LARGEST = (2.0, 1.5, 1.2, 1.0, 0.8), 9000  # a reference's cells over an answer's, the first with at most so many nodes
+HEADS = ("scene", "asked", "estimated", "true", "of the reference", "promised", "mesh", "nodes", "seconds", "uniform, seconds", "its nodes")
+FEWEST = 5  # steps of a uniform mesh
 CELLS = 2, 3, 4  # its meshes, in parts of their numbers of cells
 
 
@@ -177,19 +179,18 @@ class Uniform:
 
 
 def timed(scene, longest):
-    """Processor seconds of a scene, its nodes, and whether it was done in so many; else what it would take by the steps it had done."""
-    start, mesh, done = time.process_time(), build_mesh(scene.body), 0
+    """Processor seconds of a scene, its nodes, and whether it was done in so many; else what it would take by the steps after the first."""
+    start, mesh, ends = time.process_time(), build_mesh(scene.body), []
 
     def watch(step):
-        nonlocal done
-        done = step
-        if time.process_time() - start > longest:
+        ends.append(time.process_time() - start)
+        if ends[-1] > longest and step > FEWEST:
             raise TimeoutError
 
     try:
         solve(scene, mesh=mesh, on_step=watch)
     except TimeoutError:
-        return (time.process_time() - start) * scene.steps.count / done, len(mesh.points), False
+        return ends[0] + (ends[-1] - ends[0]) * (scene.steps.count - 1) / (len(ends) - 1), len(mesh.points), False
     return time.process_time() - start, len(mesh.points), True
 
 
@@ -214,7 +215,7 @@ def one(seed, options):
 def shown(row):
     """A row for a reader."""
     if "true" not in row:
-        return {"scene": row["scene"], "mesh": row["mesh"]}
+        return dict.fromkeys(HEADS) | row
     return {"scene": row["scene"], "asked": f"{row['asked']:.1%}", "estimated": f"{row['estimated']:.2%}", "true": f"{row['true']:.2%}",
             "of the reference": f"{row['of the reference']:.3%}", "promised": "yes" if row["promised"] else "no", "mesh": row["mesh"],
             "nodes": row["nodes"], "seconds": f"{row['seconds']:.2g}",

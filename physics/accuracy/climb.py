@@ -34,6 +34,7 @@ ALONE = 0.5  # power of that by which a direction with a small share is refined 
 ALONE_ENOUGH = 0.1  # of the target: an error of the coarsest mesh that needs no other mesh to be believed
 NOTHING = 0.01  # of the target: a share that needs no look
 PATIENCE = 2  # meshes in succession whose error does not fall regularly, before it is given up that it will
+LOST = 10  # times the nodes allowed: a way that needs them is given up for one with a smaller error
 SMALLER = 0.2  # error of second order over that of first on their coarsest meshes, before it is known
 COARSEST = 5  # refinements of a coarsest mesh that cannot hold the scene
 
@@ -118,9 +119,19 @@ class Climb:
             need = max(1.0, (SMALLER * before / self.target) ** (1 / USUAL[2]))
             grown = need ** sum(self.family.spans)
             return (self.pilots.count + (1 + len(self.sizes)) * poses) * cost(grown * self.nodes(self.sizes), self.family.order)
+        need, nodes = self._needed()
+        return (self.pilots.count + 2 * poses * (need > 1)) * cost(nodes, self.family.order)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the mesh that keeps the error is beyond what may be reached."""
+        return bool(self.ladder) and not self.reached and self._needed()[1] > LOST * self.most
+
+    def _needed(self) -> tuple[float, float]:
+        """How many times finer the mesh must be that keeps the error, and its nodes."""
         order = USUAL[self.family.order] if self.how == "assumed" else self.order
         need = max(1.0, (self.error / self.target) ** (1 / order))
-        return (self.pilots.count + 2 * poses * (need > 1)) * cost(self.nodes(self._towards(need)), self.family.order)
+        return need, self.nodes(self._towards(need))
 
     def go_on(self) -> None:
         """Solve the next mesh, or the first. A mesh that cannot be solved ends the way."""
