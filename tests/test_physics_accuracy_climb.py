@@ -85,7 +85,7 @@ def test_a_step_that_has_too_many_nodes_is_shortened():
 
 
 def test_a_way_that_is_far_from_what_is_asked_is_given_up_for_one_that_is_nearer():
-    """First order is 1.7 off on 6 cells, and is looked at on 9; for 0.00005 it would need 1100. Second order is a thousandth of that off."""
+    """First order is 1.7 off on 6 cells, looked at on 9; for 0.00005 it would need 1100. Second order is a thousandth of that off."""
     made = Made((60.0, 0.0, 0.0), second=1e-3)
     best, other = choose.climbed([Climb(kind, made, 5e-5, 2000, kind.base) for kind in KINDS])
     assert best.family.order == 2 and other is not None and not other.reached
