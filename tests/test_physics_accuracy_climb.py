@@ -1,5 +1,6 @@
 """The way from coarse to fine, on solutions that are made: an exact one and an error that is a power of the cells along each direction."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
@@ -22,6 +23,7 @@ class Made:
 
     errors: tuple[float, float, float]
     second: float = 0.1
+    falls: Callable[[int], float] = lambda n: n**-2.0
     quantity: str = "displacement"
     count: int = 400
     fractions: np.ndarray = field(default_factory=lambda: np.ones(1))
@@ -32,7 +34,7 @@ class Made:
         if (family.order, sizes) not in self.known:
             errors = [error * (self.second if family.order == 2 else 1.0) for error in self.errors]
             mesh = SimpleNamespace(points=np.zeros((np.prod([n + 1 for n in sizes]), 3)))
-            values = np.array([1.0, 0, 0, 0]) + [0.0, *(error * n**-2.0 for error, n in zip(errors, sizes, strict=True))]
+            values = np.array([1.0, 0, 0, 0]) + [0.0, *(error * self.falls(n) for error, n in zip(errors, sizes, strict=True))]
             self.known[family.order, sizes] = Pilot(mesh, values[None, None], np.zeros((1, 0, 3)), 0.0)
         return self.known[family.order, sizes]
 
@@ -82,6 +84,17 @@ def test_a_step_that_has_too_many_nodes_is_shortened():
     climb, made = climbed((1.8, 0.0, 0.0), 0.0005, most=180)
     assert climb.ended and not climb.reached and climb.sizes == (18, 2, 2)
     assert all(pilot.nodes <= 180 for pilot in made.known.values())
+
+
+def test_a_way_whose_error_falls_is_gone_on_with_where_its_cells_are_much_too_coarse_to_converge_regularly():
+    """1 / (1 + (n / 8)^2) falls as n^-0.8 or more slowly up to 24 cells, the third mesh, and as n^-2 far beyond."""
+    made = Made((1.0, 0.0, 0.0), falls=lambda n: 1 / (1 + (n / 8) ** 2))
+    climb = Climb(KINDS[1], made, 0.02, 10**6, KINDS[1].base)
+    irregular = 0
+    while not climb.ended:
+        climb.go_on()
+        irregular += climb.how == "irregular"
+    assert irregular == 2 and climb.reached and 1 / (1 + (climb.sizes[0] / 8) ** 2) < 0.02 / MESH
 
 
 def test_a_way_that_is_far_from_what_is_asked_is_given_up_for_one_that_is_nearer():

@@ -34,6 +34,7 @@ ALONE = 0.5  # power of that by which a direction with a small share is refined 
 ALONE_ENOUGH = 0.1  # of the target: an error of the coarsest mesh that needs no other mesh to be believed
 NOTHING = 0.01  # of the target: a share that needs no look
 PATIENCE = 2  # meshes in succession whose error does not fall regularly, before it is given up that it will
+FALLING = 0.7  # times the error of the mesh before: what falls so far is on its way, as on meshes that are much too coarse
 LOST = 10  # times the nodes allowed: a way that needs them is given up for one with a smaller error
 SMALLER = 0.2  # error of second order over that of first on their coarsest meshes, before it is known
 COARSEST = 5  # refinements of a coarsest mesh that cannot hold the scene
@@ -203,7 +204,7 @@ class Climb:
         else:
             found = estimate(self._fine, self._differences, highest - (quantity == "stress"), quantity)
         self.error, self.order, self.how = found.error, found.order, found.how
-        self._irregular = self._irregular + 1 if self.how == "irregular" else 0
+        self._irregular = self._irregular + 1 if self.how == "irregular" and self.error > FALLING * self.ladder[-1][1] else 0
         return True
 
     def _settle(self) -> None:
