@@ -3,18 +3,22 @@
     .venv/bin/python -m benchmarks.equilibrium                     the press scene, ours and plain in turn
     .venv/bin/python -m benchmarks.equilibrium --second            the same in hexahedra of 27 nodes, 2025 nodes, both
     .venv/bin/python -m benchmarks.equilibrium --parts             each part of a step, and the machine's floor
-    .venv/bin/python -m benchmarks.equilibrium --growth            1.5 k to 15 k nodes
+    .venv/bin/python -m benchmarks.equilibrium --growth            1.5 k to 15 k nodes, on one thread and on two
     .venv/bin/python -m benchmarks.equilibrium --growth --large    60 k nodes as well
 
 One process, one thread, the same BLAS for both. "Plain" is full Newton as a good program does it: forces and tangent assembled by
 dolfinx at every iteration, forms compiled with -O3 -march=native, every tangent factored by MUMPS's LDL^T in one matrix whose sparsity
 and symbolic factorisation are kept, from the last state, in whole steps. It knows contact as a penalty, a thousand times softer than
 ours: with ours it would have to halve its steps and need many times as long. Ratios are of medians of runs made in turn, set-up
-included. Growth takes the first steps of the same 400 at every size, after the obstacle has touched, without setting up.
+included. Growth takes the first steps of the same 400 at every size, after the obstacle has touched, without setting up; two threads are
+held against one by the clock, which says something only where nothing else runs.
 """
 
+import os
+import time
 from collections import defaultdict
 from dataclasses import replace
+from hashlib import sha256
 
 import numpy as np
 from petsc4py import PETSc
@@ -99,18 +103,27 @@ def versus(table: footing.Table, scene: Scene, repeats: int, steps: int) -> None
 
 
 def growth(table: footing.Table, large: bool) -> None:
-    """Each size in a process of its own, whose peak memory is then its own as well."""
+    """Each size and number of threads in a process of its own, whose peak memory is then its own as well."""
     for cells, steps in SIZES if large else SIZES[:-1]:
-        table.add(footing.child(one_size, cells, steps))
-    table.fit("ms a step", "peak memory [MB]")
+        one, two = (footing.child(one_size, cells, steps, threads) for threads in (1, 2))
+        if one.pop("path") != two.pop("path"):
+            raise SystemExit(f"{one['nodes']} nodes: two threads give another path than one")
+        clock, shared = one.pop("by the clock"), two["by the clock"]
+        table.add(one | {"by the clock [ms]": clock, "two threads [ms]": shared, "times as fast": f"{clock / shared:.2f}",
+                         "their peak memory [MB]": two["peak memory [MB]"]})
+    table.fit("ms a step", "two threads [ms]", "peak memory [MB]", "their peak memory [MB]")
 
 
-def one_size(cells: list[int], steps: int) -> dict:
+def one_size(cells: list[int], steps: int, threads: int) -> dict:
     """The first steps of the press scene's 400 on another mesh; the first touches."""
+    os.environ["OMP_NUM_THREADS"] = str(threads)
     path = LoadPath(press(cells), build_mesh(press(cells).body))
+    start = time.perf_counter()
     seconds, taken = cost(lambda: sum(path.advance(step / 400).iterations for step in range(1, steps + 1)))
+    clock = time.perf_counter() - start
     return {"nodes": len(path.balance.mesh.points), "steps": steps, "ms a step": 1e3 * seconds / steps, "Newton steps": taken,
-            "factorisations": path.newton.factorisations, "peak memory [MB]": round(footing.peak_memory())}
+            "factorisations": path.newton.factorisations, "peak memory [MB]": round(footing.peak_memory()),
+            "by the clock": 1e3 * clock / steps, "path": sha256(path.states[-1].u.tobytes()).hexdigest()}
 
 
 def parts(table: footing.Table) -> None:

@@ -1,7 +1,8 @@
 """One thread for the linear algebra, as `./run` has it: set when `physics` is imported, unless the user has said otherwise.
 
-The matrices of a body are too small to share: on several threads the processors wait for each other, and work is better spread over
-scenes. OMP_NUM_THREADS or OPENBLAS_NUM_THREADS, set to anything before Python starts, is left as it is. Otherwise both are set to 1,
+Most matrices of a body are too small to share: on several threads the processors wait for each other, and work is better spread over
+scenes. OMP_NUM_THREADS or OPENBLAS_NUM_THREADS, set to anything before Python starts, is left as it is; as many threads as
+OMP_NUM_THREADS says share the own loops of a body that is large enough (`count`). Otherwise both are set to 1,
 for libraries that are still to come (torch among them, which takes `torch.set_num_threads` all the same) and for processes that are
 started; an OpenBLAS that numpy or scipy has loaded before is told so.
 """
@@ -26,6 +27,12 @@ def one_thread() -> None:
             setter = getattr(library, name, None)
             if setter is not None:
                 setter(1)
+
+
+def count() -> int:
+    """How many threads OMP_NUM_THREADS allows now: its first number, at least 1."""
+    first = os.environ.get(VARIABLES[0], "").split(",")[0].strip()
+    return max(1, int(first)) if first.isdecimal() else 1
 
 
 def loaded(word: str) -> list[ctypes.CDLL]:

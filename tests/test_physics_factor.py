@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from physics.body import elasticity
 from physics.equilibrium.balance import Balance
 from physics.equilibrium.mixing import Mixing
+from physics.linalg import cholesky
 from physics.linalg.cholesky import BandFactor, DissectionFactor, NotPositiveDefinite, narrowest_order
 from physics.linalg.dissection import dissect
 from physics.linalg.indefinite import SparseFactor
@@ -15,8 +17,8 @@ from tests.scenes import beam
 def factors(cell):
     scene = beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [8, 3, 3], "cell": cell})
     balance = Balance(scene, build_mesh(scene.body))
-    elasticity = balance.elasticity
-    return balance, (BandFactor(elasticity, *narrowest_order(elasticity)), DissectionFactor(elasticity), SparseFactor(elasticity))
+    body = balance.elasticity
+    return balance, (BandFactor(body, *narrowest_order(body)), DissectionFactor(body), SparseFactor(body))
 
 
 @pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron"])
@@ -97,3 +99,19 @@ def test_mixing_solves_what_is_linear_in_as_many_steps_as_there_are_directions()
     for _ in range(4):
         u, _ = mixing.next(u, (matrix @ (x - u.ravel())).reshape(10, 3), np.zeros(0))
     assert u.ravel() == pytest.approx(x, abs=1e-6)
+
+
+def test_a_large_body_is_shared_by_as_many_threads_as_are_allowed(monkeypatch):
+    """Small as it is, when the bounds are lowered: the same solution in both, and in its forces, to the last bit."""
+    scene, found = beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [8, 3, 3]}), {}
+    for allowed, least in (("1", 0), ("2", 10**9), ("2", 0), ("3", 0)):
+        monkeypatch.setenv("OMP_NUM_THREADS", allowed)
+        monkeypatch.setattr(cholesky, "SHARED", least)
+        monkeypatch.setattr(elasticity, "SHARED", least)
+        body = Balance(scene, build_mesh(scene.body)).elasticity
+        factor, u = DissectionFactor(body), np.where(body.fixed, 0, 1e-4 * np.sin(np.arange(body.fixed.size)).reshape(-1, 3))
+        threads = 1 if least else int(allowed)
+        assert len(factor._panels._shares.blas) == len(body._parts[0][0]._ranges) == threads
+        factor.update(u)
+        found[allowed, least] = factor.solve(np.cos(u)).tobytes(), body.force(u).tobytes()
+    assert len(found) == 4 and len(set(found.values())) == 1

@@ -72,3 +72,19 @@ def test_packs_hold_cells_side_by_side_gradients_first_then_the_volume(lanes):
         for p in range(points):
             expected = [*gradients[p, c].ravel(), volumes[p, c]] if c < count else [0] * 13
             assert packs[c // lanes, p, :, c % lanes].tolist() == expected
+
+
+@pytest.mark.parametrize("threads", [2, 3, 7])
+@pytest.mark.parametrize("count", [1, 30, 61])
+def test_threads_that_share_the_cells_give_the_bits_of_one(threads, count):
+    """Nodes at random, so that most belong to several threads; added to forces that are there; many times over."""
+    rng = np.random.default_rng(count)
+    cells = np.stack([rng.permutation(20)[:6] for _ in range(count)])
+    samples = Samples(rng.normal(size=(2, count, 6, 3)), rng.uniform(0.5, 2, (2, count)), np.ones((2, 2)))
+    u, there = rng.normal(size=(2, 23, 3))  # three nodes are of no cell
+    one, several = Kernel("linear", cells, samples), Kernel("linear", cells, samples, threads=threads)
+    expected = one.forces(u, LAME, there.copy())
+    assert expected - there == pytest.approx(by_loops(cells, samples, u)[1], abs=1e-11 * abs(expected).max())
+    for _ in range(10):
+        assert np.array_equal(several.forces(u, LAME, there.copy()), expected)
+    assert np.array_equal(several.forces(u, LAME), one.forces(u, LAME))

@@ -1,4 +1,4 @@
-"""C++ that is compiled once, found again by its text or its key, and whole or not there at all."""
+"""C++ that is compiled once, found again by its text or its key, and whole or not there at all; a BLAS for each thread."""
 
 import ctypes
 
@@ -7,7 +7,8 @@ import pytest
 
 from physics import fem
 from physics.linalg import native
-from physics.linalg.native import compiled, pointer
+from physics.linalg.native import blas, compiled, pointer
+from physics.threads import loaded
 
 SOURCE = 'extern "C" double twice(const double *x, int n) { double s = 0; for (int i = 0; i < n; ++i) s += 2 * x[i]; return s; }'
 
@@ -70,3 +71,24 @@ def test_products_and_sums_are_rounded_each_by_itself_on_request(folder):
     library = compiled('extern "C" double f(double a, double b, double c) { return a * b + c; }', rounded=True)
     library.f.restype, library.f.argtypes = ctypes.c_double, 3 * [ctypes.c_double]
     assert library.f(1 + 2**-30, 1 - 2**-30, -1.0) == 0.0
+
+
+def test_every_thread_has_a_blas_that_it_may_call(folder):
+    """OpenBLAS without threads has no lock: a copy for each, which multiplies alike; any other is shared. No copy stays on disk."""
+    native.blas.cache_clear()
+    native._copied.cache_clear()
+    alone = any(hasattr(library, "dpotrf_") and library.openblas_get_parallel() == 0 for library in loaded("openblas"))
+    assert len({blas("dgemm", thread) for thread in range(3)}) == (3 if alone else 1)
+    assert blas("dgemm", 1) == blas("dgemm", 1) != blas("dsyrk", 1)
+    assert list(folder.iterdir()) == [] if alone else not folder.exists()
+    product = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 13)
+    size, one, none = ctypes.c_int(5), ctypes.c_double(1), ctypes.c_double(0)
+    a, b = np.random.default_rng(0).normal(size=(2, 5, 5))
+    for thread in range(3):
+        found = np.zeros((5, 5))
+        at = ctypes.byref
+        product(blas("dgemm", thread))(
+            b"N", b"N", *[ctypes.cast(at(size), ctypes.c_void_p)] * 3, ctypes.cast(at(one), ctypes.c_void_p), pointer(b),
+            ctypes.cast(at(size), ctypes.c_void_p), pointer(a), ctypes.cast(at(size), ctypes.c_void_p),
+            ctypes.cast(at(none), ctypes.c_void_p), pointer(found), ctypes.cast(at(size), ctypes.c_void_p))
+        assert found == pytest.approx(a @ b, rel=1e-12)

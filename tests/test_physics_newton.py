@@ -186,6 +186,21 @@ def test_looks_at_stability_come_when_three_tenths_of_the_softest_stiffness_coul
     linear._look(State(1.0, u, np.zeros(0)), State(0.0, u, np.zeros(0)))
 
 
+@pytest.mark.parametrize("load, at, made", [
+    ({}, 0.0, 1), ({}, 1e-6, 2), ({"where": "x-max", "pressure": 1e3, "follower": True}, 0.0, 2)])
+def test_the_first_look_takes_the_factor_of_rest_where_there_is_one(load, at, made):
+    """One at rest and one at the state, or only that; a pressure that follows its face is another stiffness at rest by now."""
+    found = newton(load=[load or BENT[0]])
+    state = State(0.25, np.where(found.balance.fixed, 0.0, 1e-5), np.zeros(0))
+    found._refactor(np.where(found.balance.fixed, 0.0, at))
+    before = found.factorisations
+    found._look(state, rest(found))
+    assert found.factorisations - before == made and np.array_equal(found.tangent.factored_at, state.u)
+    bare = newton()  # whose softest mode is known from its own factor; the state is hardly bent
+    bare._refactor(np.zeros_like(state.u))
+    assert found._watch.softest == pytest.approx(bare._softest_mode(), rel=1e-2) and 0 < found._watch.trusted <= 0.05
+
+
 def test_an_unstable_state_that_is_found_leaves_the_factor_stale():
     found = newton()
     found._refactor = lambda u: setattr(found.tangent, "stale", False)

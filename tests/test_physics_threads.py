@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from physics import threads
 from tests.pages import ROOT
 
 # What OpenBLAS itself says of its threads, asked through every library of that name that numpy and scipy have loaded.
@@ -38,3 +39,11 @@ def test_one_thread_whether_numpy_comes_before_or_after(order):
 def test_a_number_of_the_user_is_kept(name):
     program = "import numpy; before = threads(); import physics; print(threads() == before, [k for k in os.environ if 'THREADS' in k])"
     assert asked(program, **{name: "3"}) == f"True ['{name}']"
+
+
+@pytest.mark.parametrize("given, expected", [(None, 1), ("", 1), ("0", 1), ("3", 3), (" 2 ", 2), ("4,2", 4), ("many", 1), ("-2", 1)])
+def test_the_number_is_the_first_of_the_environment(monkeypatch, given, expected):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    if given is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", given)
+    assert threads.count() == expected

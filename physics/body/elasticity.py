@@ -16,9 +16,9 @@ import ufl
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from physics import fem
+from physics import fem, threads
 from physics.body.element import Samples, samples
-from physics.body.kernel import Kernel
+from physics.body.kernel import SHARED, Kernel
 from physics.body.material import Cells, by_region, cellwise, lame
 from physics.linalg.stiffness import Stiffness
 from physics.mesh.mesh import Mesh
@@ -106,7 +106,8 @@ class Elasticity:
 
 
 def _kernel(law: str, mesh: Mesh, sampled: Samples, cells: Cells) -> Kernel:
-    return Kernel(law, mesh.cells[cells], Samples(sampled.gradients[:, cells], sampled.volumes[:, cells], sampled.parts), sheet=mesh.sheet)
+    own = Samples(sampled.gradients[:, cells], sampled.volumes[:, cells], sampled.parts)
+    return Kernel(law, mesh.cells[cells], own, sheet=mesh.sheet, threads=threads.count() if own.volumes.size >= SHARED else 1)
 
 
 def small_strain_stiffness(space: fem.Space, mesh: Mesh, material: Materials, element: str) -> PETSc.Mat:

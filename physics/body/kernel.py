@@ -7,7 +7,8 @@
 UFL differentiates W(F) and FFCx turns W, P and A into C code that works on one F, number by number. Nothing in it
 depends on the cell but its arguments, so with every `double` that varies replaced by a pack of L the same code works on
 L cells at once, and the compiler finds the wide instructions that it cannot find in the code for one. The sums over nodes
-and the loops over cells stand in loops.cpp. Numbers agree with dolfinx's assembly to rounding.
+and the loops over cells stand in loops.cpp. Numbers agree with dolfinx's assembly to rounding. Where threads are allowed (threads.py)
+they share the cells of a body that is large enough, with the same bits for any number of them.
 
 Legend: N nodes, C cells, n nodes of a cell, P sample points of a cell, d = 3 n, L lanes: 8 with AVX-512, 4 with AVX, else 2.
 """
@@ -17,7 +18,9 @@ from __future__ import annotations
 import ctypes
 import re
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -34,19 +37,24 @@ from physics.mesh.quality import rest_jacobians, slopes
 Floats = NDArray[np.float64]
 
 PACK, LOOPS = ((Path(__file__).parent / name).read_text() for name in ("pack.cpp", "loops.cpp"))
+SHARED = 40_000  # sample points from which on several threads share the forces: some 4 k nodes
 AT_ONCE = 4  # cells whose det F is found together
 
 
 class Kernel:
     """The sample points of one mesh, ready for a law. Every call adds to, or fills, the array that it returns."""
 
-    def __init__(self, law: str, cells: NDArray[np.int64], samples: Samples, *, sheet: bool = False) -> None:
+    def __init__(self, law: str, cells: NDArray[np.int64], samples: Samples, *, sheet: bool = False, threads: int = 1) -> None:
         """Args: law of material.py; cells (C, n); sheet: no stress across it, along z. Raises `InputError` for an unknown law."""
         law_of(law)
         self.cells = np.ascontiguousarray(cells, np.int32)
         self._library, self._parts = _library(law, self.cells.shape[1], len(samples.volumes), sheet), samples.parts
-        self._table = _packs(samples, ctypes.c_int64.in_dll(self._library, "lanes").value)
+        lanes = ctypes.c_int64.in_dll(self._library, "lanes").value
+        self._table = _packs(samples, lanes)
         self._mesh = ctypes.c_int64(len(self.cells)), pointer(self.cells), pointer(self._table)
+        self._numbered, self._late, starts = _shared(self.cells, lanes, threads)
+        self._ranges = [(ctypes.c_int64(last - first), pointer(self._numbered[first:]), pointer(self._table[first // lanes:]))
+                        for first, last in pairwise(starts)]
 
     def energies(self, u: Floats, lame: tuple[float, float]) -> Floats:
         """(C,) [J] at displacements (N, 3) [m], for Lame's parameters (lambda, mu) [Pa]."""
@@ -54,7 +62,21 @@ class Kernel:
 
     def forces(self, u: Floats, lame: tuple[float, float], out: Floats | None = None) -> Floats:
         """(N, 3) internal nodal forces [N], added to others where there are some."""
-        return self._run("forces", u, lame, np.zeros(u.shape) if out is None else out)
+        out = np.zeros(u.shape) if out is None else out
+        if len(self._ranges) == 1:
+            return self._run("forces", u, lame, out)
+        constants, late = self._parts * lame, len(self._late)
+        moved, found = np.concatenate([u[self._late], u]), np.concatenate([np.full((late, 3), -0.0), out])  # -0 + f is f
+        jobs = [Thread(target=self._library.forces, args=(*each, pointer(constants), pointer(moved), pointer(found)))
+                for each in self._ranges]
+        for job in jobs[1:]:
+            job.start()
+        jobs[0].run()
+        for job in jobs[1:]:
+            job.join()
+        out[:] = found[late:]
+        np.add.at(out.reshape(-1), (3 * self._late[:, None] + np.arange(3)).ravel(), found[:late].ravel())
+        return out
 
     def add_stiffness(self, u: Floats, lame: tuple[float, float], slot: NDArray[np.int32], out: Floats) -> None:
         """Add the upper half of each cell's tangent stiffness, row by row, to out[slot], slot (C, d (d + 1) / 2)."""
@@ -76,6 +98,26 @@ def _packs(samples: Samples, lanes: int) -> Floats:
     packs = aligned(values.size).reshape(values.shape)
     packs[:] = values
     return packs
+
+
+def _shared(cells: NDArray[np.int32], lanes: int, threads: int) -> tuple[NDArray[np.int32], NDArray[np.int32], list[int]]:
+    """Cells (C, n) in one range for each thread, so that none adds to what another one adds to, and all sums are in the order of the cells.
+
+    Returns:
+        cells (C, n) in another numbering of the nodes: where an earlier range has the same node, each place has a number of its own,
+            from 0; the other nodes follow in their order
+        nodes (M,) at these places; where each range begins, and the end
+    """
+    packs = -(-len(cells) // lanes)
+    starts = [*(packs * thread // threads * lanes for thread in range(threads)), len(cells)]
+    late, seen = np.zeros(cells.shape, bool), np.zeros(int(cells.max(initial=0)) + 1, bool)
+    for first, last in pairwise(starts):
+        late[first:last] = seen[cells[first:last]]
+        seen[cells[first:last]] = True
+    nodes = cells[late]
+    numbered = cells + np.int32(len(nodes))
+    numbered[late] = np.arange(len(nodes))
+    return numbered, nodes, starts
 
 
 def _packed(name: str, form: Any) -> str:

@@ -111,7 +111,8 @@ class Newton:
         if self._watch.unseen < self._watch.trusted or self.balance.scene.linear:
             return
         if not self._watch.softest:
-            self._refactor(np.zeros_like(state.u))
+            if self.tangent.stale or self.tangent.factored_at.any() or self.balance.pressed is not None:  # else it is that of rest
+                self._refactor(np.zeros_like(state.u))
             self._watch = replace(self._watch, softest=self._softest_mode())
         self._refactor(state.u)
         self.tangent.stale = True

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from physics import threads
 from physics.linalg.columns import Columns
 from physics.linalg.dissection import Dissection, Panels, dissect, slots
 from physics.linalg.stiffness import Stiffness
@@ -30,6 +31,7 @@ Integers = NDArray[np.int64]
 MOST_NUMBERS = 500_000_000  # in a factor: 4 GB
 WIDEST_BAND = 300  # past this nested dissection is faster: for beams of some 5 k nodes
 OPERATIONS = 30  # for each number of a factor that a Newton step has time for
+SHARED = 4_000_000  # numbers of a dissected factor from which on several threads share the work, where they are allowed: some 4 k nodes
 TOGETHER = 2**18  # entries of a stiffness that are given their place at a time
 
 
@@ -188,7 +190,7 @@ class DissectionFactor(_Cholesky):
         dissection = dissection or dissect(elasticity.mesh.points, elasticity.cells)
         self.name = f"sparse Cholesky by nested dissection: {8e-9 * dissection.numbers:.2g} GB, at most {8e-9 * MOST_NUMBERS:.2g} GB"
         super().__init__(elasticity, dissection.place, dissection.operations / dissection.numbers / OPERATIONS)
-        self._panels = Panels(dissection)
+        self._panels = Panels(dissection, threads.count() if dissection.numbers >= SHARED else 1)
         free = np.zeros(self._unknown.size, bool)
         free[self._unknown] = ~elasticity.fixed
         rows, columns = elasticity.pairs(self._unknown)
@@ -207,7 +209,7 @@ class DissectionFactor(_Cholesky):
         self.elasticity.add_stiffness(u, self._slot, values)
         values[-1] = 0.0
         values[self._held] = 1.0
-        if not self._panels.factor() or not np.isfinite(values.sum()):
+        if not self._panels.factor():
             raise NotPositiveDefinite("the stiffness is not positive definite")
 
     def _forward(self, y: Floats) -> Floats:

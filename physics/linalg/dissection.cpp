@@ -1,8 +1,17 @@
 /* The multifrontal Cholesky factor of a dissected mesh, and its triangular solves; dissection.py says what the tables hold. */
+#include <algorithm>
+#include <cmath>
+#include <condition_variable>
 #include <cstdint>
 #include <cstring>
+#include <mutex>
+#include <system_error>
+#include <thread>
+#include <vector>
 typedef int64_t I;
 struct Part { I s, b, panel, first, boundary, child, last, made, kept; };
+/* Parts from first to last that one thread eliminates, for how many tasks it waits and which waits for it, and its operations. */
+struct Task { I first, last, waits, next, work; };
 typedef void (*Potrf)(const char *, const int *, double *, const int *, int *);
 typedef void (*Trsm)(const char *, const char *, const char *, const char *, const int *, const int *, const double *, const double *,
                      const int *, double *, const int *);
@@ -13,62 +22,108 @@ typedef void (*Gemm)(const char *, const char *, const int *, const int *, const
 typedef void (*Trsv)(const char *, const char *, const char *, const int *, const double *, const int *, double *, const int *);
 typedef void (*Gemv)(const char *, const int *, const int *, const double *, const double *, const int *, const double *, const int *,
                      const double *, double *, const int *);
+/* One thread's. */
+struct Blas { Potrf potrf; Trsm trsm; Syrk syrk; Gemm gemm; Trsv trsv; Gemv gemv; };
 static const double one = 1, none = 0, minus = -1;
 static const int unit = 1;
 
-/* With W unknowns a node: panels (s + b, s), by columns, hold K's lower entries and become L's; 1 + the part without a factor, or 0. */
-template <int W> static I factored(I parts, const Part *part, const I *children, const int32_t *place, double *panels, double *work,
-                                   Potrf potrf, Trsm trsm, Syrk syrk) {
-  for (I t = 0; t < parts; ++t) {
-    const Part p = part[t];
-    const int s = p.s, b = p.b, f = s + b;
-    double *F = panels + p.panel, *U = work + p.made;
-    memset(U, 0, sizeof(double) * b * b);
-    for (I i = p.child; i < p.last; ++i) {
-      const Part c = part[children[i]];
-      const int32_t *at = place + c.boundary;  /* where its boundary nodes stand in this part */
-      const double *from = work + c.kept;
-      for (I j = 0; j < c.b / W; ++j)
-        for (int k = 0; k < W; ++k, from += c.b) {
-          const I column = W * I(at[j]) + k;
-          double *to = column < s ? F + column * f : U + (column - s) * b - s;
-          for (int d = k; d < W; ++d) to[W * I(at[j]) + d] += from[W * j + d];
-          for (I r = j + 1; r < c.b / W; ++r)
-            for (int d = 0; d < W; ++d) to[W * I(at[r]) + d] += from[W * r + d];
-        }
-    }
-    int info = 0;
-    if (s) potrf("L", &s, F, &f, &info);
-    if (info) return t + 1;
-    if (!b) continue;
-    if (s) {
-      trsm("R", "L", "T", "N", &b, &s, &one, F, &f, F + s, &f);
-      syrk("L", "N", &b, &s, &minus, F + s, &f, &one, U, &b);
-    }
-    memmove(work + p.kept, U, sizeof(double) * b * b);
+/* With W unknowns a node: panels (s + b, s), by columns, hold K's lower entries and become L's; false where there is no factor. */
+template <int W> static bool eliminate(I t, const Part *part, const I *children, const int32_t *place, double *panels, double *work,
+                                       const Blas &blas) {
+  const Part p = part[t];
+  const int s = p.s, b = p.b, f = s + b;
+  double *F = panels + p.panel, *U = work + p.made;
+  memset(U, 0, sizeof(double) * b * b);
+  for (I i = p.child; i < p.last; ++i) {
+    const Part c = part[children[i]];
+    const int32_t *at = place + c.boundary;  /* where its boundary nodes stand in this part */
+    const double *from = work + c.kept;
+    for (I j = 0; j < c.b / W; ++j)
+      for (int k = 0; k < W; ++k, from += c.b) {
+        const I column = W * I(at[j]) + k;
+        double *to = column < s ? F + column * f : U + (column - s) * b - s;
+        for (int d = k; d < W; ++d) to[W * I(at[j]) + d] += from[W * j + d];
+        for (I r = j + 1; r < c.b / W; ++r)
+          for (int d = 0; d < W; ++d) to[W * I(at[r]) + d] += from[W * r + d];
+      }
   }
-  return 0;
+  int info = 0;
+  if (s) blas.potrf("L", &s, F, &f, &info);
+  if (info) return false;
+  for (I i = 0; i < s; ++i)
+    if (!(F[i * f + i] < HUGE_VAL)) return false;  /* what is no number anywhere gets to the diagonal, and passes LAPACK */
+  if (!b) return true;
+  if (s) {
+    blas.trsm("R", "L", "T", "N", &b, &s, &one, F, &f, F + s, &f);
+    blas.syrk("L", "N", &b, &s, &minus, F + s, &f, &one, U, &b);
+  }
+  if (p.kept != p.made) memmove(work + p.kept, U, sizeof(double) * b * b);
+  return true;
 }
 
-/* The same for 3 or 1 unknowns a node. */
-extern "C" I factor(int each, I parts, const Part *part, const I *children, const int32_t *place, double *panels, double *work,
-                    Potrf potrf, Trsm trsm, Syrk syrk) {
-  return (each == 3 ? factored<3> : factored<1>)(parts, part, children, place, panels, work, potrf, trsm, syrk);
+/* Tasks on several threads, those with the most work first: all of them, each after those that it waits for, or only those that wait
+   for none. False as soon as one is. */
+template <class Work> static bool share(I tasks, const Task *task, bool all, int threads, Work work) {
+  std::mutex lock;
+  std::condition_variable news;
+  std::vector<I> ready, waits(tasks);
+  for (I t = 0; t < tasks; ++t)
+    if (!(waits[t] = task[t].waits)) ready.push_back(t);
+  I open = all ? tasks : I(ready.size());
+  bool good = true;
+  const auto run = [&](int thread) {
+    std::unique_lock<std::mutex> mine(lock);
+    while (open && good) {
+      if (ready.empty()) {
+        news.wait(mine);
+        continue;
+      }
+      const auto most = std::max_element(ready.begin(), ready.end(), [&](I a, I b) { return task[a].work < task[b].work; });
+      const I t = *most, next = task[t].next;
+      ready.erase(most);
+      mine.unlock();
+      const bool well = work(thread, task[t]);
+      mine.lock();
+      good = good && well;
+      --open;
+      if (all && next >= 0 && !--waits[next]) ready.push_back(next);
+      news.notify_all();
+    }
+  };
+  std::vector<std::thread> others;
+  try {
+    for (int i = 1; i < threads; ++i) others.emplace_back(run, i);
+  } catch (const std::system_error &) {  /* the system gives no more threads: fewer do it */
+  }
+  run(0);
+  for (auto &other : others) other.join();
+  return good;
+}
+
+/* Parts with 3 or 1 unknowns a node, on as many threads as there are of Blas; 1 when there is a factor. */
+extern "C" int factor(int each, I tasks, const Task *task, int threads, const Blas *blas, const Part *part, const I *children,
+                      const int32_t *place, double *panels, double *work) {
+  const auto run = [&](int thread, const Task &task) {
+    for (I t = task.first; t < task.last; ++t)
+      if (!(each == 3 ? eliminate<3> : eliminate<1>)(t, part, children, place, panels, work, blas[thread])) return false;
+    return true;
+  };
+  return threads == 1 ? run(0, {0, task[tasks - 1].last, 0, 0, 0}) : share(tasks, task, true, threads, run);
 }
 
 /* X := L^-1 X for k right-hand sides, each unknown's k numbers together; `row` says where each node's unknowns stand. */
 extern "C" void forward(I count, const I *chosen, const Part *part, const int32_t *boundary, const I *row, int k, const double *panels,
-                        double *X, double *scratch, Trsm trsm, Gemm gemm, Trsv trsv, Gemv gemv) {
+                        double *X, double *scratch, const Blas *blas) {
   for (I i = 0; i < count; ++i) {
     const Part p = part[chosen[i]];
     const int s = p.s, b = p.b, f = s + b;
     const double *F = panels + p.panel;
     double *x = X + 3 * k * row[p.first];
-    if (k == 1) trsv("L", "N", "N", &s, F, &f, x, &unit);
-    else trsm("R", "L", "T", "N", &k, &s, &one, F, &f, x, &k);
+    if (k == 1) blas->trsv("L", "N", "N", &s, F, &f, x, &unit);
+    else blas->trsm("R", "L", "T", "N", &k, &s, &one, F, &f, x, &k);
     if (!b) continue;
-    if (k == 1) gemv("N", &b, &s, &one, F + s, &f, x, &unit, &none, scratch, &unit);
-    else gemm("N", "T", &k, &b, &s, &one, x, &k, F + s, &f, &none, scratch, &k);
+    if (k == 1) blas->gemv("N", &b, &s, &one, F + s, &f, x, &unit, &none, scratch, &unit);
+    else blas->gemm("N", "T", &k, &b, &s, &one, x, &k, F + s, &f, &none, scratch, &k);
     for (I j = 0; j < b / 3; ++j) {
       double *to = X + 3 * k * row[boundary[p.boundary + j]];
       for (I d = 0; d < 3 * k; ++d) to[d] -= scratch[3 * k * j + d];
@@ -76,17 +131,58 @@ extern "C" void forward(I count, const I *chosen, const Part *part, const int32_
   }
 }
 
-/* x := L^-T x for one right-hand side. */
-extern "C" void backward(I parts, const Part *part, const int32_t *boundary, const double *panels, double *x, double *scratch, Trsv trsv,
-                         Gemv gemv) {
-  for (I t = parts - 1; t >= 0; --t) {
-    const Part p = part[t];
-    const int s = p.s, b = p.b, f = s + b;
-    const double *F = panels + p.panel;
-    if (b) {
-      for (I j = 0; j < b / 3; ++j) memcpy(scratch + 3 * j, x + 3 * I(boundary[p.boundary + j]), 3 * sizeof(double));
-      gemv("T", &b, &s, &minus, F + s, &f, scratch, &unit, &one, x + 3 * p.first, &unit);
+/* The same for one right-hand side and all parts, on several threads: what a task leaves behind at later nodes waits in `left`, for each
+   boundary node its own place, until it is taken off in the order in which one thread would. */
+extern "C" void forward_shared(I tasks, const Task *task, int threads, const Blas *blas, const Part *part, const int32_t *boundary,
+                               const double *panels, double *x, double *left) {
+  const auto take = [&](const Part &p, int from, int to) {
+    for (I j = from; j < to; ++j)
+      for (int d = 0; d < 3; ++d) x[3 * I(boundary[p.boundary + j]) + d] -= left[3 * (p.boundary + j) + d];
+  };
+  const auto within = [&](const Part &p, const Task &task) {  /* boundary nodes that the same task eliminates */
+    const int32_t *first = boundary + p.boundary, end = part[task.last - 1].first + part[task.last - 1].s / 3;
+    return int(std::lower_bound(first, first + p.b / 3, end) - first);
+  };
+  const auto run = [&](int thread, const Task &task) {
+    for (I t = task.first; t < task.last; ++t) {
+      const Part p = part[t];
+      const int s = p.s, b = p.b, f = s + b;
+      const double *F = panels + p.panel;
+      blas[thread].trsv("L", "N", "N", &s, F, &f, x + 3 * p.first, &unit);
+      if (b) blas[thread].gemv("N", &b, &s, &one, F + s, &f, x + 3 * p.first, &unit, &none, left + 3 * p.boundary, &unit);
+      take(p, 0, within(p, task));
     }
-    trsv("L", "T", "N", &s, F, &f, x + 3 * p.first, &unit);
+    return true;
+  };
+  share(tasks, task, false, threads, run);
+  for (I i = 0; i < tasks; ++i) {
+    if (task[i].waits) run(0, task[i]);
+    for (I t = task[i].first; t < task[i].last; ++t) take(part[t], within(part[t], task[i]), part[t].b / 3);
+  }
+}
+
+/* x := L^-T x for one right-hand side: what waits for others, then on several threads what others wait for. */
+extern "C" void backward(I tasks, const Task *task, int threads, const Blas *blas, const Part *part, const int32_t *boundary,
+                         const double *panels, double *x) {
+  const auto run = [&](int thread, const Task &task) {
+    std::vector<double> own;
+    for (I t = task.last - 1; t >= task.first; --t) {
+      const Part p = part[t];
+      const int s = p.s, b = p.b, f = s + b;
+      const double *F = panels + p.panel;
+      if (b) {
+        own.resize(b);
+        for (I j = 0; j < b / 3; ++j) memcpy(own.data() + 3 * j, x + 3 * I(boundary[p.boundary + j]), 3 * sizeof(double));
+        blas[thread].gemv("T", &b, &s, &minus, F + s, &f, own.data(), &unit, &one, x + 3 * p.first, &unit);
+      }
+      blas[thread].trsv("L", "T", "N", &s, F, &f, x + 3 * p.first, &unit);
+    }
+    return true;
+  };
+  if (threads == 1) run(0, {0, task[tasks - 1].last, 0, 0, 0});
+  else {
+    for (I i = tasks - 1; i >= 0; --i)
+      if (task[i].waits) run(0, task[i]);
+    share(tasks, task, false, threads, run);
   }
 }

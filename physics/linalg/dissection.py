@@ -22,9 +22,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cython_blas, cython_lapack
 
-from physics.linalg.native import compiled, pointer
+from physics.linalg.native import blas, compiled, pointer
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -34,6 +33,10 @@ LEAF = 20  # nodes of a part that is not cut any further
 # place, where its boundary begins, its range in `children`, where in the working memory its remainder is made and where it is kept.
 COLUMNS = ("own", "rest", "panel", "first", "boundary", "child", "last", "made", "kept")
 PART = np.dtype([(name, np.int64) for name in COLUMNS])
+# One row of `Shares.task`: the parts from `first` up to `last`, how many tasks it waits for, which one waits for it, and its operations.
+TASK = np.dtype([(name, np.int64) for name in ("first", "last", "waits", "next", "work")])
+PIECES = 1.5  # subtrees for each thread, at least: more would share the work better, in more memory
+ROUTINES = ("dpotrf", "dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")
 
 SOURCE = (Path(__file__).parent / "dissection.cpp").read_text()
 
@@ -165,58 +168,100 @@ def slots(dissection: Dissection, rows: Integers, columns: Integers) -> Integers
     return part["panel"] + (early - 3 * part["first"]) * (part["own"] + part["rest"]) + 3 * local + late % 3
 
 
+@dataclass(frozen=True)
+class Shares:
+    """How several threads share the work of a dissection; with one there is one task.
+
+    task: (T,) of TASK in the order of elimination, subtrees and the parts above them; part: the dissection's, with other places in
+    the working memory, of so many numbers; blas: (threads, 6) addresses
+    """
+
+    task: NDArray[np.void]
+    part: NDArray[np.void]
+    memory: int
+    blas: NDArray[np.uintp]
+
+
+def shared(dissection: Dissection, threads: int) -> Shares:
+    """Subtrees of at most a share of all operations are one task each, and have a working memory each; every part above is one more."""
+    d = dissection
+    routines = np.array([[blas(name, thread) for name in ROUTINES] for thread in range(threads)], np.uintp)
+    if threads == 1:
+        return Shares(np.array([(0, len(d.part), 0, -1, 0)], TASK), d.part, d.memory, routines)
+    s, b = d.part["own"], d.part["rest"]
+    total, start = s**3 // 3 + s**2 * b + s * b**2, np.arange(len(s))
+    for t, (first, last) in enumerate(zip(d.part["child"], d.part["last"], strict=True)):
+        if last > first:
+            below = d.children[first:last]
+            start[t], total[t] = start[below[0]], total[t] + total[below].sum()
+    above = total > total[-1] / (PIECES * threads)
+    roots = np.flatnonzero(above | above[d.parent])
+    task, part, memory = np.zeros(len(roots), TASK), d.part.copy(), 0
+    task["first"], task["last"], task["work"] = np.where(above[roots], roots, start[roots]), roots + 1, total[roots]
+    task["next"] = np.where(d.parent[roots] < 0, -1, np.searchsorted(roots, d.parent[roots]))
+    task["waits"] = np.bincount(task["next"][task["next"] >= 0], minlength=len(roots))
+    for first, last in zip(task["first"], task["last"], strict=True):
+        of = slice(first, last)
+        base = d.part["kept"][last - 1] if last - first > 1 else d.part["made"][first]
+        part["made"][of] += memory - base
+        part["kept"][of] = part["kept"][of] + memory - base if last - first > 1 else memory
+        memory = int((part["made"] + b**2)[of].max())
+    return Shares(task, part, memory, routines)
+
+
 @functools.cache
 def _library() -> ctypes.CDLL:
-    library = compiled(SOURCE)
-    library.factor.restype = ctypes.c_int64
-    return library
+    return compiled(SOURCE)
 
 
-def factored(dissection: Dissection, values: Floats, work: Floats, each: int = 3) -> bool:
+def factored(dissection: Dissection, values: Floats, work: Floats, each: int = 3, shares: Shares | None = None) -> bool:
     """Turn the entries in the panels' `values` into those of the factor, with 3 or 1 unknowns a node; False when there is none.
 
-    work: of `dissection.memory` numbers
+    Args: work: of `memory` numbers, the shares' or where there are none the dissection's
     """
-    d = dissection
-    return not _library().factor(
-        ctypes.c_int(each), ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.children), pointer(d.at), pointer(values),
-        pointer(work), blas("dpotrf"), blas("dtrsm"), blas("dsyrk"))
+    d, shares = dissection, shares or shared(dissection, 1)
+    return bool(_library().factor(
+        ctypes.c_int(each), *_given(shares), pointer(shares.part), pointer(d.children), pointer(d.at), pointer(values), pointer(work)))
+
+
+def _given(shares: Shares) -> tuple[ctypes.c_int64, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p]:
+    return ctypes.c_int64(len(shares.task)), pointer(shares.task), ctypes.c_int(len(shares.blas)), pointer(shares.blas)
 
 
 class Panels:
-    """The factor of a stiffness in the order of a dissection."""
+    """The factor of a stiffness in the order of a dissection; the same bits on any number of threads."""
 
-    def __init__(self, dissection: Dissection) -> None:
-        self.dissection = dissection
+    def __init__(self, dissection: Dissection, threads: int = 1) -> None:
+        self.dissection, self._shares = dissection, shared(dissection, threads)
         self.values = np.empty(dissection.numbers + 1)  # and one number that is not used
-        self._work = np.empty(dissection.memory)
-        self._library = _library()
-        self._call = {name: blas(name) for name in ("dtrsm", "dgemm", "dtrsv", "dgemv")}
+        self._work = np.empty(self._shares.memory)
+        self._library, self._given = _library(), _given(self._shares)
         self._every = np.arange(len(dissection.part))
         self._rows = np.arange(len(dissection.order))
 
     def factor(self) -> bool:
         """Turn the entries in `values` into those of the factor; False when there is none."""
-        return factored(self.dissection, self.values, self._work)
+        return factored(self.dissection, self.values, self._work, shares=self._shares)
 
     def forward(self, x: Floats, parts: Integers | None = None, rows: Integers | None = None) -> Floats:
         """L^-1 x in place, x (N', 3, k); with `parts` closed upwards, the places whose rows (N,) they say are all there is."""
-        d, call = self.dissection, self._call
-        chosen, k = self._every if parts is None else parts, x.shape[-1]
+        d, k = self.dissection, x.shape[-1]
+        tables = pointer(d.part), pointer(d.boundary)
+        if k == 1 and parts is None and len(self._shares.blas) > 1:
+            left = np.empty(3 * len(d.boundary))
+            self._library.forward_shared(*self._given, *tables, pointer(self.values), pointer(x), pointer(left))
+            return x
+        chosen = self._every if parts is None else parts
         scratch = np.empty(int(d.part["rest"].max()) * k)
         self._library.forward(
-            ctypes.c_int64(len(chosen)), pointer(chosen), pointer(d.part), pointer(d.boundary),
-            pointer(self._rows if rows is None else rows), ctypes.c_int(k), pointer(self.values), pointer(x),
-            pointer(scratch), call["dtrsm"], call["dgemm"], call["dtrsv"], call["dgemv"])
+            ctypes.c_int64(len(chosen)), pointer(chosen), *tables, pointer(self._rows if rows is None else rows), ctypes.c_int(k),
+            pointer(self.values), pointer(x), pointer(scratch), pointer(self._shares.blas))
         return x
 
     def backward(self, x: Floats) -> Floats:
         """L^-T x in place, x (N, 3)."""
-        d, call = self.dissection, self._call
-        scratch = np.empty(int(d.part["rest"].max()))
-        self._library.backward(
-            ctypes.c_int64(len(d.part)), pointer(d.part), pointer(d.boundary), pointer(self.values), pointer(x),
-            pointer(scratch), call["dtrsv"], call["dgemv"])
+        d = self.dissection
+        self._library.backward(*self._given, pointer(d.part), pointer(d.boundary), pointer(self.values), pointer(x))
         return x
 
     def columns(self, places: Integers, free: NDArray[np.bool_]) -> tuple[Integers, Floats]:
@@ -238,13 +283,3 @@ class Panels:
         right[(3 * row[places][:, None] + np.arange(3)).ravel(), np.arange(free.size)] = free.ravel()
         self.forward(right.reshape(-1, 3, free.size), np.flatnonzero(reached), row)
         return (3 * np.flatnonzero(inside)[:, None] + np.arange(3)).ravel(), right
-
-
-@functools.cache
-def blas(name: str) -> ctypes.c_void_p:
-    """SciPy's pointer to a routine of BLAS or LAPACK."""
-    capsule = (cython_lapack if name == "dpotrf" else cython_blas).__pyx_capi__[name]
-    python = ctypes.pythonapi
-    python.PyCapsule_GetName.restype, python.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
-    python.PyCapsule_GetPointer.restype, python.PyCapsule_GetPointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    return ctypes.c_void_p(python.PyCapsule_GetPointer(capsule, python.PyCapsule_GetName(capsule)))

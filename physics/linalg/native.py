@@ -1,11 +1,13 @@
-"""C++ compiled for this very processor, once: the libraries stand in a folder of the home directory."""
+"""C++ compiled for this very processor, once, and the BLAS that it calls: the libraries stand in a folder of the home directory."""
 
 from __future__ import annotations
 
 import ctypes
+import functools
 import hashlib
 import os
 import platform
+import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -14,8 +16,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cython_blas, cython_lapack
 
 from physics import fem
+from physics.threads import loaded
 
 # Linked by a second command: were -ffast-math among its options, g++ before version 13 would add code that makes every denormal
 # number of the whole process zero, also in other libraries (scipy's search trees abort on that).
@@ -47,6 +51,35 @@ def compiled(source: Callable[[], str] | str, *key: str, rounded: bool = False) 
                     raise RuntimeError(f"g++ could not compile a kernel: {made.stderr.strip().splitlines()[0]}")
             os.replace(Path(scratch) / "kernel.so", library)  # whole or not at all, whoever else is compiling the same
     return ctypes.CDLL(str(library))
+
+
+@functools.cache
+def blas(name: str, thread: int = 0) -> int:
+    """The address of a routine of SciPy's BLAS or LAPACK, for the first thread or a further one.
+
+    OpenBLAS without threads, as Debian has it, may not be called by several at once: its list of buffers has no lock. There every
+    further thread has a copy of the library, and so of the list. Others can be called by all.
+    """
+    if thread and (library := _copied(thread)):
+        return ctypes.cast(library[name + "_"], ctypes.c_void_p).value or 0
+    capsule = (cython_lapack if name == "dpotrf" else cython_blas).__pyx_capi__[name]
+    python = ctypes.pythonapi
+    python.PyCapsule_GetName.restype, python.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    python.PyCapsule_GetPointer.restype, python.PyCapsule_GetPointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    return int(python.PyCapsule_GetPointer(capsule, python.PyCapsule_GetName(capsule)))
+
+
+@functools.cache
+def _copied(thread: int) -> ctypes.CDLL | None:
+    """A further thread's copy of OpenBLAS, None where it needs none."""
+    for library in loaded("openblas"):
+        if hasattr(library, "dpotrf_") and hasattr(library, "openblas_get_parallel") and not library.openblas_get_parallel():
+            folder = fem.cache_folder()
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=folder) as scratch:  # the same file would be the same library
+                copy = shutil.copyfile(library._name, Path(scratch) / "blas.so")
+                return ctypes.CDLL(str(copy), mode=os.RTLD_LOCAL | os.RTLD_DEEPBIND)
+    return None
 
 
 def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
