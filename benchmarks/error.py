@@ -1,16 +1,20 @@
-"""Is an error that is asked kept, and what does it cost? Random scenes solved for errors of 3 and 1 % of the displacement.
+"""Is an error that is asked kept, and what does it cost? Random scenes solved for errors of 3, 1 and 0.3 % of the displacement.
 
     .venv/bin/python -m benchmarks.error                                       four scenes, some minutes
     .venv/bin/python -m benchmarks.error --seed 100 --count 40 --keep out.jsonl     goes on where it was stopped
 
 Scenes (`draw`) are thick and thin beams, plates, plane sheets and panels with holes, of all laws, under all kinds of obstacles, forces,
-weights and supports that move, in 40 steps, a tenth of what a scene has that does not say. "True" is the error at four steps against a
-reference: cells of second order (of a sheet: its own), with the numbers of cells along each direction that the smallest error came to,
-times REFERENCE; "of the reference" what its change from a mesh 1.5 times coarser leaves by an error that falls as h^1.5. A scene that
-takes longer than --limit is left out and counted. One whose reference is not ten times as good as what is asked is shown, and counted
-apart. The uniform mesh has standard cells of first order (hexahedra; of a panel tetrahedra; of a sheet its own), as long as wide and
-high, and is the first of L / 8, L / 12, L / 18, ... that has the error asked; where none of at most --most nodes has, its time is that of
-the finest one tried, which is less than it would take. Times are processor seconds of all of it, search and checks included.
+weights and supports that move, in 400 steps, as a scene has that does not say. "True" is the error at four steps against a reference:
+cells of second order (of a sheet: its own), with numbers of cells along each direction of up to twice those that the smallest error came
+to, as far as LARGEST allows, and of 3/4 and 1/2 of that; it is what the two finer are extrapolated to by the order that all three show,
+and "of the reference" is how far that is from what the two coarser are extrapolated to. A scene that takes longer than --limit, or has
+no equilibrium, has one row that says so. The last rows are of the answers whose reference is ten times as good as what is asked.
+
+The uniform mesh has standard cells of first order (hexahedra; of a panel tetrahedra; of a sheet its own), as long as wide and high, and
+is the first of L / 8, L / 12, L / 18, ... that has the error asked at those four steps. It alone is solved in all steps; "~ x" where it
+was stopped after --longest seconds: what all steps would take as those after the first had (those that nothing touches take least).
+">= x" where no mesh of at most --most nodes has the error: then it is the next one, whose error is not looked at.
+Seconds are the processor's of all of it, search and checks included.
 """
 
 import json
@@ -18,27 +22,32 @@ import math
 import signal
 import time
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks import footing
 from physics.accuracy.choose import choose
-from physics.accuracy.estimate import distance
+from physics.accuracy.estimate import distance, observed_order
 from physics.accuracy.ladder import families
 from physics.accuracy.pilot import Pilot
 from physics.accuracy.table import judge
+from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.state import NoEquilibrium
+from physics.mesh.build import build_mesh
 from physics.scene import read_scene
 from physics.solution import solve
 
-ERRORS, MOST, STEPS = (0.03, 0.01), 4000, 40
-FRAMES = [10, 20, 30, 40]
-REFERENCE = {1: 0.9, 2: 1.6}  # times the cells of an answer of first and of second order
+ERRORS, MOST, STEPS = (0.03, 0.01, 0.003), 8000, 400
+FINER, LARGEST = (2.0, 1.5, 1.2, 1.0, 0.8), 9000  # a reference's cells over an answer's, the first with at most so many nodes
+HEADS = ("scene", "asked", "estimated", "true", "of the reference", "promised", "mesh", "nodes", "seconds", "uniform, seconds", "its nodes")
+FEWEST = 5  # steps of a uniform mesh
+CELLS = 2, 3, 4  # its meshes, in parts of their numbers of cells
 
 
-def draw(seed):
-    """A scene without a mesh."""
+def draw(seed, steps=STEPS):
+    """The name of a scene, and the scene, without a mesh."""
     random = np.random.default_rng(seed)
     number = random.uniform
 
@@ -62,7 +71,7 @@ def draw(seed):
     stiff = young * (height / length) ** 2 if shape != "sheet" else young * (width / length) ** 2  # pressure that bends a strip visibly
     scene = {"body": body, "material": {"law": one_of("neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff"), "young_modulus": young,
                                         "poisson_ratio": number(0.2, 0.45), "density": 1000.0},
-             "support": [clamped], "steps": {"count": STEPS}}
+             "support": [clamped], "steps": {"count": steps}}
     kind = one_of("obstacle", "obstacle", "force", "weight", "moved")
     if kind == "obstacle" and shape != "sheet":
         radius = length * number(0.1, 0.2)
@@ -98,66 +107,132 @@ def answer(scene, error, most):
     return choice, solution, judge(choice, solution), time.process_time() - start
 
 
+def poses(count):
+    """Four steps of a path, and where they are in it."""
+    frames = [round(count * part / 4) for part in (1, 2, 3, 4)]
+    return frames, np.array(frames) / count
+
+
 def reference(scene, choice, solution):
-    """(K, M, d) values at FRAMES on a mesh much finer than an answer's, and about how far they are off."""
+    """(K, M, d) values at `poses` of three meshes much finer than an answer's, extrapolated, and about how far they are off."""
     climb, pilots = choice.climb, choice.pilots
+    frames, fractions = poses(scene.steps.count)
     family = max(families(scene), key=lambda one: one.order)
-    times = REFERENCE[climb.family.order] if family.order == 2 else 2.5
-    fractions, found = np.array(FRAMES) / STEPS, []
-    near = Pilot(solution.mesh, np.zeros(0), solution.displacement[FRAMES], 0.0)
-    for ratio in (times / 1.5, times):
-        sizes = tuple(max(1, math.ceil(ratio * n)) for n in climb.sizes)
-        found.append(pilots.beside(*family.rung(sizes), 1e-7, near, fractions))
-    left = 1.5**-1.5
-    return found[1].values, distance(found[0].values, found[1].values, pilots.weights) * left / (1 - left), len(found[1].mesh.points)
+    second = 0.6 if climb.family.order < family.order else 1.0
+    for finer in FINER:
+        parts = [math.ceil(finer * second * cells / CELLS[-1]) for cells in climb.sizes]
+        if len(family.rung(tuple(CELLS[-1] * part for part in parts))[1].points) <= LARGEST:
+            break
+    near, found = Pilot(solution.mesh, np.zeros(0), solution.displacement[frames], 0.0), []
+    for n in CELLS:
+        near = pilots.beside(*family.rung(tuple(n * part for part in parts)), 1e-7, near, fractions)
+        found.append(near.values)
+    changes = [distance(one, other, pilots.weights) for one, other in pairwise(found)]
+    order = max(1.0, observed_order(CELLS, changes, family.highest))
+    ends = [fine + (fine - coarse) / ((m / n) ** order - 1) for (n, coarse), (m, fine) in pairwise(zip(CELLS, found, strict=True))]
+    return ends[1], distance(*ends, pilots.weights)
 
 
-def uniform(scene, error, values, pilots, known, most):
-    """Processor seconds of the first uniform mesh that has an error, its nodes, and whether one had it; what is known of meshes is kept."""
-    body, extent = scene.body, [side for side in scene.body.extent if side]
-    for k in range(12):
-        if k not in known:
-            size = max(extent) / (8 * 1.5**k)
-            numbers = tuple(max(1, round(side / size)) for side in extent)
-            if np.prod([n + 1 for n in numbers]) > most:
-                break
-            asked = (replace(body, cells=None, cell_size=size, layers=numbers[2], cell="tetrahedron") if body.shape == "panel"
-                     else replace(body, cells=numbers, cell=body.cell if len(numbers) == 2 else "hexahedron"))
+class Uniform:
+    """Uniform meshes of a scene, L / 8, L / 12, ..., each looked at once.
+
+    near, values: an answer, and the true values, at `poses`
+    """
+
+    def __init__(self, scene, near, values, pilots, most):
+        self.scene = replace(scene, steps=replace(scene.steps, error=None))
+        self.near, self.values, self.pilots, self.most = near, values, pilots, most
+        self.errors, self.ran = {}, {}
+
+    def mesh(self, k):
+        """The scene with a mesh, and about how many nodes that has."""
+        body, extent = self.scene.body, [side for side in self.scene.body.extent if side]
+        size = max(extent) / (8 * 1.5**k)
+        numbers = tuple(max(1, round(side / size)) for side in extent)
+        nodes = np.prod([n + 1 for n in numbers])
+        return nodes, replace(self.scene, body=replace(body, cells=None, cell_size=size, layers=numbers[2], cell="tetrahedron")
+                       if body.shape == "panel" else replace(body, cells=numbers, cell=body.cell if len(numbers) == 2 else "hexahedron"))
+
+    def error(self, k, scene):
+        """At a few poses."""
+        if k not in self.errors:
             try:
-                seconds, found = footing.cost(solve, replace(scene, body=asked, steps=replace(scene.steps, error=None)))
-                known[k] = seconds, distance(pilots.of(scene, found, FRAMES), values, pilots.weights), len(found.mesh.points)
+                found = self.pilots.beside(scene, build_mesh(scene.body), TOLERANCE, self.near, poses(scene.steps.count)[1])
+                self.errors[k] = distance(found.values, self.values, self.pilots.weights)
             except (RuntimeError, ValueError) as why:
-                footing.say(f"uniform {numbers}: {why}")
-                known[k] = 0.0, math.inf, 0
-        if known[k][1] <= error:
-            return known[k][0], known[k][2], True
-    last = known[max(known)] if known else (0.0, 0.0, 0)
-    return last[0], last[2], False
+                footing.say(f"uniform {scene.body}: {why}")
+                self.errors[k] = math.inf
+        return self.errors[k]
+
+    def first(self, error, longest):
+        """Processor seconds of all steps on the first mesh that has an error, its nodes, whether it has it, and whether it was done."""
+        k, has = 0, False
+        while True:
+            nodes, scene = self.mesh(k)
+            if nodes > self.most or (has := self.error(k, scene) <= error):
+                break
+            k += 1
+        if k not in self.ran:
+            self.ran[k] = timed(scene, longest)
+        seconds, nodes, done = self.ran[k]
+        return seconds, nodes, has, done
 
 
-def one(seed, errors, most):
+def timed(scene, longest):
+    """Processor seconds of a scene, its nodes, and whether it was done in so many; else what it would take by the steps after the first."""
+    start, mesh, ends = time.process_time(), build_mesh(scene.body), []
+
+    def watch(step):
+        ends.append(time.process_time() - start)
+        if ends[-1] > longest and step > FEWEST:
+            raise TimeoutError
+
+    try:
+        solve(scene, mesh=mesh, on_step=watch)
+    except TimeoutError:
+        return ends[0] + (ends[-1] - ends[0]) * (scene.steps.count - 1) / (len(ends) - 1), len(mesh.points), False
+    return time.process_time() - start, len(mesh.points), True
+
+
+def one(seed, options):
     """Rows of a scene, as they are kept."""
-    name, scene = draw(seed)
+    name, scene = draw(seed, options.steps)
     footing.say(f"scene {seed}: {name}")
-    answers, known, rows = [(error, *answer(scene, error, most)) for error in sorted(errors)], {}, []
-    values, own, _ = reference(scene, answers[0][1], answers[0][2])
-    for error, choice, solution, verdict, seconds in reversed(answers):
-        true = distance(choice.pilots.of(choice.scene, solution, FRAMES), values, choice.pilots.weights)
-        other, nodes, had = uniform(scene, error, values, choice.pilots, known, most)
+    answers, frames = [(error, *answer(scene, error, options.most)) for error in sorted(options.errors)], poses(options.steps)[0]
+    choice, solution = answers[0][1:3]
+    values, own = reference(scene, choice, solution)
+    near = Pilot(solution.mesh, np.zeros(0), solution.displacement[frames], 0.0)
+    uniform, rows = Uniform(scene, near, values, choice.pilots, options.most), []
+    for error, choice, solution, verdict, seconds in answers:
+        true = distance(choice.pilots.of(choice.scene, solution, frames), values, choice.pilots.weights)
+        other, nodes, has, done = uniform.first(error, options.longest)
         rows.append({"scene": f"{seed}: {name}", "asked": error, "estimated": verdict.estimated, "true": true, "of the reference": own,
                      "promised": verdict.reached, "mesh": choice.climb.family.said(choice.climb.sizes), "nodes": len(choice.mesh.points),
-                     "seconds": seconds, "uniform": other, "its nodes": nodes, "had": had})
-    return rows
+                     "seconds": seconds, "uniform": other, "its nodes": nodes, "has": has, "done": done})
+    return rows[::-1]
 
 
 def shown(row):
     """A row for a reader."""
-    more = "" if row["had"] else "> "
-    return {name: row[name] for name in ("scene",)} | {
-        "asked": f"{row['asked']:.1%}", "estimated": f"{row['estimated']:.2%}", "true": f"{row['true']:.2%}",
-        "of the reference": f"{row['of the reference']:.2%}", "promised": "yes" if row["promised"] else "no", "mesh": row["mesh"],
-        "nodes": row["nodes"], "seconds": f"{row['seconds']:.2g}", "uniform, seconds": f"{more}{row['uniform']:.2g}",
-        "its nodes": f"{more}{row['its nodes']}"}
+    if "true" not in row:
+        return dict.fromkeys(HEADS) | row
+    return {"scene": row["scene"], "asked": f"{row['asked']:.1%}", "estimated": f"{row['estimated']:.2%}", "true": f"{row['true']:.2%}",
+            "of the reference": f"{row['of the reference']:.3%}", "promised": "yes" if row["promised"] else "no", "mesh": row["mesh"],
+            "nodes": row["nodes"], "seconds": f"{row['seconds']:.2g}",
+            "uniform, seconds": f"{'' if row['has'] else '>= '}{'' if row['done'] else '~ '}{row['uniform']:.2g}",
+            "its nodes": f"{'' if row['has'] else '>= '}{row['its nodes']}"}
+
+
+def summed(rows, asked):
+    """What all answers with a reference ten times as good come to, as a last row."""
+    good = [row for row in rows if "true" in row and row["of the reference"] <= row["asked"] / 10]
+    kept = [row for row in good if row["true"] <= row["asked"]]
+    promised = [row for row in good if row["promised"]]
+    ratio = np.median([row["seconds"] / row["uniform"] for row in good]) if good else math.nan
+    return {"scene": f"{len(good)} answers with a good reference", "asked": asked,
+            "true": f"{len(kept)} have the error asked, {sum(row['true'] >= row['asked'] / 5 for row in kept)} within a factor of five",
+            "promised": f"{len(promised)}, {sum(row in kept for row in promised)} of them kept",
+            "seconds": f"median {ratio:.2f} of the uniform mesh's"}
 
 
 def too_long(*_):
@@ -169,47 +244,37 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=4)
     parser.add_argument("--errors", type=float, nargs="+", default=ERRORS)
+    parser.add_argument("--steps", type=int, default=STEPS)
     parser.add_argument("--most", type=int, default=MOST, help="nodes of a mesh, chosen or uniform")
-    parser.add_argument("--limit", type=int, default=60, help="processor seconds for a scene")
+    parser.add_argument("--longest", type=float, default=5, help="processor seconds of a uniform mesh, before it is reckoned")
+    parser.add_argument("--limit", type=int, default=300, help="processor seconds for a scene")
     parser.add_argument("--minutes", type=float, default=math.inf, help="no scene is begun after so long")
     parser.add_argument("--keep", type=Path, help="a file of finished scenes, to go on from")
     options = parser.parse_args()
     start = time.monotonic()
     signal.signal(signal.SIGPROF, too_long)
     kept = {} if options.keep is None or not options.keep.exists() else dict(map(json.loads, options.keep.read_text().splitlines()))
-    table, rows, failed, done = footing.Table(), [], 0, 0
+    table, rows = footing.Table(), []
     for seed in range(options.seed, options.seed + options.count):
-        if seed not in kept and time.monotonic() - start > 60 * options.minutes:
-            break
         if seed not in kept:
+            if time.monotonic() - start > 60 * options.minutes:
+                break
             try:
                 signal.setitimer(signal.ITIMER_PROF, options.limit)
-                kept[seed] = one(seed, options.errors, options.most)
+                kept[seed] = one(seed, options)
             except (NoEquilibrium, ValueError, TimeoutError) as why:
-                footing.say(f"scene {seed}: {why}")
-                kept[seed] = []
+                kept[seed] = [{"scene": f"{seed}: {draw(seed)[0]}", "mesh": str(why)}]
             finally:
                 signal.setitimer(signal.ITIMER_PROF, 0)
             if options.keep is not None:
                 with options.keep.open("a") as file:
                     file.write(json.dumps([seed, kept[seed]]) + "\n")
-        done += 1
-        failed += not kept[seed]
         rows += kept[seed]
         for row in kept[seed]:
             table.add(shown(row))
-    good = [row for row in rows if row["of the reference"] <= row["asked"] / 10]
-    for words, some in (("all", rows), ("those with a reference ten times as good", good), *(
-            (f"{error:.1%} asked, such a reference", [row for row in good if row["asked"] == error]) for error in options.errors)):
-        below = [row for row in some if row["true"] <= row["asked"]]
-        near = [row for row in below if row["true"] >= row["asked"] / 5]
-        ratios = [row["seconds"] / row["uniform"] for row in some if row["uniform"]]
-        footing.say(f"{words}: {len(some)} answers, {sum(row['promised'] for row in some)} promised, {len(below)} with at most the error "
-                    f"asked, {len(near)} of them within a factor of five; time over the uniform mesh's: median "
-                    f"{float(np.median(ratios)) if ratios else math.nan:.2f} at most")
-        promised = [row for row in some if row["promised"]]
-        footing.say(f"    of those promised {sum(row['true'] <= row['asked'] for row in promised)} of {len(promised)} are kept")
-    footing.say(f"{done} scenes, {failed} without an answer")
+    for error in options.errors:
+        table.add(summed([row for row in rows if row.get("asked") == error], f"{error:.1%}"))
+    table.add(summed(rows, "all"))
 
 
 if __name__ == "__main__":

@@ -68,6 +68,16 @@ def test_the_table_has_a_row_for_each_choice_and_its_shares_make_the_whole(bent)
     assert verdict.table()["rows"] == list(verdict.rows)
 
 
+def test_small_strain_is_tried_until_a_mesh_is_too_far_for_it(bent):
+    """A traction a thousand times as large bends the beam by F L^3 / 3 E I = 2.2 mm."""
+    _, small, solution, _ = bent
+    assert small.small_strain > 0 and solution.linear_steps == 2
+    far = choose(asked(load=[{"where": "x-max", "traction": [0.0, 0.0, -1000.0]}]))
+    assert far.small_strain == 0
+    found = solve(far.scene, mesh=far.mesh, tolerance=far.tolerance, small_strain=0.0)
+    assert found.linear_steps == 0 and 0.002 < np.abs(found.displacement).max() < 0.0025
+
+
 def test_the_same_scene_leads_to_the_same_choice(bent):
     scene, choice, _, _ = bent
     again = choose(scene)

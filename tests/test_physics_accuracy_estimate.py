@@ -47,14 +47,16 @@ def test_two_meshes_alone_count_with_the_first_order_which_is_no_better_than_one
 
 
 @pytest.mark.parametrize("order", [0.9, 1.3, 1.5])
-def test_each_direction_alone_and_all_together_show_the_order_and_the_error_of_a_power(order):
-    """0.2 n^-p along x from 4 cells, 0.1 m^-p along y from 2: looks at 6 and 3, then a mesh of 8 x 3."""
-    error = 0.2 * 8**-order + 0.1 * 3**-order
-    alone = [(4 / 6, 0.2 * (4**-order - 6**-order)), (2 / 3, 0.1 * (2**-order - 3**-order))]
-    change = 0.2 * 4**-order + 0.1 * 2**-order - error
-    found = looked(alone, [2.0, 1.5], change, 2.0, "displacement")
-    assert found.order == pytest.approx(order, rel=1e-6) and found.error == pytest.approx(error, rel=1e-6)
-    assert looked(alone, [2.0, 1.5], 3 * change, 2.0, "displacement").how == "irregular"
+@pytest.mark.parametrize("ways", [((1.0, 0.0), (1.0, 0.0)), ((1.0, 0.0), (0.0, 1.0)), ((1.0, 0.0), (-0.6, 0.8))])
+def test_each_direction_alone_and_all_together_show_the_order_and_the_error_of_a_power(order, ways):
+    """0.2 n^-p along x from 4 cells, 0.1 m^-p along y from 2: looks at 6 and 3, then a mesh of 8 x 3. Both are added as vectors."""
+    x, y = np.array(ways)
+    error = 0.2 * 8**-order * x + 0.1 * 3**-order * y
+    alone = [(4 / 6, (0.2 * (6**-order - 4**-order) * x)[None, None]), (2 / 3, (0.1 * (3**-order - 2**-order) * y)[None, None])]
+    change = float(np.linalg.norm(0.2 * 4**-order * x + 0.1 * 2**-order * y - error))
+    found = looked(alone, [2.0, 1.5], change, 2.0, "displacement", np.ones(1))
+    assert found.order == pytest.approx(order, rel=1e-6) and found.error == pytest.approx(np.linalg.norm(error), rel=1e-6)
+    assert looked(alone, [2.0, 1.5], 3 * change, 2.0, "displacement", np.ones(1)).how == "irregular"
 
 
 def test_distance_is_the_relative_norm_over_poses_and_weighted_points():

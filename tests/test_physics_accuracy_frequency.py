@@ -17,6 +17,6 @@ def test_the_frequencies_of_a_clamped_beam_keep_the_error_and_are_not_far_below_
     exact = np.array(elastic_modes(replace(chosen.scene, body=fine), count=3).frequencies_hz)
     true = np.sqrt(np.mean((np.array(chosen.modes.frequencies_hz) / exact - 1) ** 2))
     assert chosen.verdict.reached and chosen.verdict.quantity == "frequency"
-    assert 0.03 / 5 < true < 0.03 and chosen.verdict.estimated == pytest.approx(true, rel=0.1)
+    assert 0.03 / 5 < true < chosen.verdict.estimated < 0.03 and chosen.verdict.estimated < 1.5 * true
     assert chosen.scene.steps.error is None
     assert chosen.verdict.estimated == pytest.approx(sum(row["error"] for row in chosen.verdict.rows[:3]))

@@ -98,8 +98,9 @@ def test_a_point_is_sought_in_more_cells_than_the_one_with_the_nearest_centre():
     columns = np.concatenate([np.arange(13) * 0.1, [13.0]])  # twelve of 0.1 and one of 11.8
     mesh.points[:, 0] = columns[np.round(mesh.points[:, 0] / (0.1 / 13)).astype(int)]
     values = (mesh.points[:, :1] > 12) * np.ones(3)
-    found = interpolate(mesh, values[None], np.array([[1.3, 0.011, 0.002], [0.75, 0.011, 0.002], [12.41, 0.011, 0.002]]))
-    np.testing.assert_allclose(found[0], np.array([[0.1 / 11.8], [0], [11.21 / 11.8]]) * np.ones(3), atol=1e-12)
+    for few in (None, 1, 4):
+        found = interpolate(mesh, values[None], np.array([[1.3, 0.011, 0.002], [0.75, 0.011, 0.002], [12.41, 0.011, 0.002]]), few=few)
+        np.testing.assert_allclose(found[0], np.array([[0.1 / 11.8], [0], [11.21 / 11.8]]) * np.ones(3), atol=1e-9)
 
 
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])

@@ -77,7 +77,11 @@ def climbed(climbs: list[Climb], begun: Callable[[Climb], None] = lambda climb: 
     Args: begun: called with a climb when its coarsest mesh is solved
     Raises what none of them could be solved for.
     """
-    while going := [climb for climb in climbs if not climb.ended]:
+    def nearer(climb: Climb) -> bool:
+        """Whether another way is, or may yet be."""
+        return any(other.error < climb.error or not (other.ladder or other.ended) for other in climbs)
+
+    while going := [climb for climb in climbs if not (climb.ended or (climb.lost and nearer(climb)))]:
         before = next((one.ladder[0][1] for one in climbs if one.ladder), 0.0)
         climb = next((one for one in going if len(one.ladder) == 1), None) or min(going, key=lambda one: one.outlook(before))
         if any(one.reached and one.outlook() <= climb.outlook(before) for one in climbs):

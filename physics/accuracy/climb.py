@@ -6,8 +6,9 @@ cells of this order usually have. The next mesh is the one with the fewest nodes
     minimise prod_i n_i^(w_i)   with   sum_i e_i n_i^-p = what is allowed:   e_i n_i^-p / w_i = E for every direction that is refined
 
 (w_i: directions of the body that number i counts along). It is solved, and how far it is from the mesh before says how far the error is
-down (estimate.py), by its own order and with all that the directions do to each other. A step is at most FARTHEST times finer. The last
-mesh is the answer: nothing finer is solved.
+down (estimate.py), by its own order and with all that the directions do to each other. A step is at most FARTHEST times finer. When a
+mesh is there that keeps the error, any that was solved keeps it too whose distance from that one, and its error, are below what is
+asked together: the cheapest of them is the answer.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from physics.accuracy.estimate import FIRST, ROUNDING, ErrorEstimate, coarse, distance, estimate, looked
+import numpy as np
+
+from physics.accuracy.estimate import FIRST, ROUNDING, ErrorEstimate, coarse, distance, estimate, looked, norm
 from physics.accuracy.ladder import MeshFamily, Sizes
 from physics.accuracy.pilot import Floats, Pilot, cost
 from physics.equilibrium.state import NoEquilibrium
@@ -25,11 +28,14 @@ from physics.schema import InputError
 
 USUAL = {1: 1.5, 2: 2.0}  # order of the error of cells of first and second order, with supports and contact
 NEAREST, FARTHEST = 1.3, 2.0  # times finer is the next mesh
+SHORTER = 1.15  # a step that has too many nodes
 AIM = 0.9  # of the target, as numbers of cells are whole
 ALONE = 0.5  # power of that by which a direction with a small share is refined with the others, so that it is seen
 ALONE_ENOUGH = 0.1  # of the target: an error of the coarsest mesh that needs no other mesh to be believed
 NOTHING = 0.01  # of the target: a share that needs no look
 PATIENCE = 2  # meshes in succession whose error does not fall regularly, before it is given up that it will
+FALLING = 0.7  # times the error of the mesh before: what falls so far is on its way, as on meshes that are much too coarse
+LOST = 10  # times the nodes allowed: a way that needs them is given up for one with a smaller error
 SMALLER = 0.2  # error of second order over that of first on their coarsest meshes, before it is known
 COARSEST = 5  # refinements of a coarsest mesh that cannot hold the scene
 
@@ -46,6 +52,8 @@ class Source(Protocol):
 
     def first(self, order: int) -> list[Pilot]: ...
 
+    def solved(self, order: int) -> list[tuple[Sizes, Pilot]]: ...
+
 
 @dataclass
 class Climb:
@@ -54,6 +62,7 @@ class Climb:
     target: error; most: nodes of a mesh; sizes: where it is; error, order, how: of that mesh, as in `ErrorEstimate`
     shares: of each direction, in parts of the error; ladder: meshes on the way, each with its error as it was known then
     reached: whether the error is below the target; ended: whether there is nothing more to try; why: it cannot be solved
+    checked: the finer mesh that says so
     """
 
     family: MeshFamily
@@ -68,15 +77,22 @@ class Climb:
     ladder: list[tuple[Sizes, float]] = field(default_factory=list)
     reached: bool = False
     ended: bool = False
+    checked: Sizes | None = None
     why: NoEquilibrium | InputError | None = None
     _irregular: int = 0
-    _alone: list[tuple[float, float]] = field(default_factory=list)
+    _alone: list[tuple[float, Floats]] = field(default_factory=list)
     _fine: list[float] = field(default_factory=list)
     _differences: list[float] = field(default_factory=list)
 
     @property
     def pilot(self) -> Pilot:
         return self.pilots(self.family, self.sizes)
+
+    @property
+    def said(self) -> str:
+        """How its error is known."""
+        falls = f"error falls as h^{self.order:.2g} ({self.how})"
+        return falls if self.checked is None else f"held against {self.family.said(self.checked)}, whose {falls}"
 
     @property
     def parts(self) -> dict[int, ErrorEstimate]:
@@ -104,9 +120,19 @@ class Climb:
             need = max(1.0, (SMALLER * before / self.target) ** (1 / USUAL[2]))
             grown = need ** sum(self.family.spans)
             return (self.pilots.count + (1 + len(self.sizes)) * poses) * cost(grown * self.nodes(self.sizes), self.family.order)
+        need, nodes = self._needed()
+        return (self.pilots.count + 2 * poses * (need > 1)) * cost(nodes, self.family.order)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the mesh that keeps the error is beyond what may be reached."""
+        return bool(self.ladder) and not self.reached and self._needed()[1] > LOST * self.most
+
+    def _needed(self) -> tuple[float, float]:
+        """How many times finer the mesh must be that keeps the error, and its nodes."""
         order = USUAL[self.family.order] if self.how == "assumed" else self.order
         need = max(1.0, (self.error / self.target) ** (1 / order))
-        return (self.pilots.count + 2 * poses * (need > 1)) * cost(self.nodes(self._towards(need)), self.family.order)
+        return need, self.nodes(self._towards(need))
 
     def go_on(self) -> None:
         """Solve the next mesh, or the first. A mesh that cannot be solved ends the way."""
@@ -122,6 +148,8 @@ class Climb:
         self.ladder.append((self.sizes, self.error))
         self.reached = self.error <= self.target * (ALONE_ENOUGH if len(self.ladder) == 1 else 1)
         self.ended = self.reached or self._irregular >= PATIENCE
+        if self.reached:
+            self._settle()
 
     def _begin(self) -> None:
         """Solve the coarsest mesh that can hold the scene: its obstacle and its places by coordinates may be too small for coarser ones."""
@@ -142,24 +170,25 @@ class Climb:
 
     def _look(self) -> float:
         """Refine each direction alone: the shares, and what they add up to with the order of two meshes."""
-        usual, first, error = USUAL[self.family.order], FIRST[self.pilots.quantity], 0.0
-        here = self.pilot
+        usual, first, here = USUAL[self.family.order], FIRST[self.pilots.quantity], self.pilot
+        whole = np.zeros_like(here.values)
         for axis, n in enumerate(self.sizes):
             there = self.family.after(self.sizes, axis)
             ratio = n / there[axis]
-            change = distance(here.values, self.pilots(self.family, there).values, self.pilots.weights)
-            self.shares.append(coarse(ratio, change, usual))
-            self._alone.append((ratio, change))
-            error += coarse(ratio, change, first)
-        return error
+            finer = self.pilots(self.family, there).values
+            self.shares.append(coarse(ratio, distance(here.values, finer, self.pilots.weights), usual))
+            self._alone.append((ratio, finer - here.values))
+            whole += (finer - here.values) / (1 - ratio**first)
+        return distance(here.values, here.values + whole, self.pilots.weights)
 
     def _next(self) -> bool:
-        """A finer mesh, by as much as the error known asks for; False where that has too many nodes."""
+        """A finer mesh, by as much as the error known asks for or the nodes allow; False where NEAREST is too much."""
         order = USUAL[self.family.order] if self.how == "assumed" else self.order
         need = min(max((self.error / (AIM * self.target)) ** (1 / order), NEAREST), FARTHEST)
-        there = self._towards(need)
-        if self.nodes(there) > self.most:
-            return False
+        while self.nodes(there := self._towards(need)) > self.most:
+            if need <= NEAREST:
+                return False
+            need = max(need / SHORTER, NEAREST)
         quantity, highest = self.pilots.quantity, self.family.highest
         before, after = self.pilot, self.pilots(self.family, there)
         usual, was = USUAL[self.family.order], sum(self.shares)
@@ -169,12 +198,25 @@ class Climb:
         self._differences.append(distance(before.values, after.values, self.pilots.weights))
         times = [m / n for n, m in zip(self.ladder[0][0], there, strict=True)]
         if len(self._differences) == 1:
-            found = looked(self._alone, times, self._differences[0], usual, quantity)
+            size = norm(after.values, self.pilots.weights)
+            alone = [(ratio, off / size) for ratio, off in self._alone]
+            found = looked(alone, times, self._differences[0], usual, quantity, self.pilots.weights)
         else:
             found = estimate(self._fine, self._differences, highest - (quantity == "stress"), quantity)
         self.error, self.order, self.how = found.error, found.order, found.how
-        self._irregular = self._irregular + 1 if self.how == "irregular" else 0
+        self._irregular = self._irregular + 1 if self.how == "irregular" and self.error > FALLING * self.ladder[-1][1] else 0
         return True
+
+    def _settle(self) -> None:
+        """Step back to the cheapest mesh that keeps the error by its distance from the one that was reached."""
+        order, weights, finest, usual = self.family.order, self.pilots.weights, self.pilot, USUAL[self.family.order]
+        keep = [(cost(pilot.nodes, order), sizes, error) for sizes, pilot in self.pilots.solved(order)
+                if (error := distance(pilot.values, finest.values, weights) + self.error) <= self.target]
+        best, sizes, error = min(keep, default=(math.inf, self.sizes, self.error))
+        if best < cost(finest.nodes, order):
+            self.shares = [share * (n / m) ** usual for share, n, m in zip(self.shares, self.sizes, sizes, strict=True)]
+            self.ladder = [*(rung for rung in self.ladder if self.nodes(rung[0]) < self.nodes(sizes)), (sizes, error)]
+            self.checked, self.sizes, self.error = self.sizes, sizes, error
 
     def _towards(self, need: float) -> Sizes:
         """The mesh with the fewest nodes that is so many times finer than this one in what its shares add up to."""

@@ -7,14 +7,17 @@ A mesh with n cells along a direction has the error c n^-p. Of three solutions w
 with the p that d_01 / d_12 gives (Richardson's extrapolation; Roache, Verification and Validation in Computational Science and
 Engineering, 1998, ch. 5). A p above that of smooth solutions is luck and counts as that; below LOWEST, or where d does not fall, the
 sequence does not converge regularly and counts with LOWEST. With such a p the two differences say different things of the last mesh:
-the larger counts. Two solutions alone count with FIRST. So nothing finer than the answer has to be solved.
+the larger counts. Two solutions alone count with FIRST.
+
+What directions change on a coarse mesh is added up as fields, as one may make good what another does (Liem, Lu and Shih, The Splitting
+Extrapolation Method, 1995). A mesh that is not the finest has the error of that at most, and its distance from it.
 
 Legend: K poses, M points, d components.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +42,13 @@ class ErrorEstimate:
 
 def distance(values: Floats, finer: Floats, weights: Floats) -> float:
     """|values - finer| / |finer| in the norm over poses and points, for values (K, M, d) and weights (M,); 0 where both are zero."""
-    off, size = (float(np.sqrt(np.einsum("m,kmd->", weights, part**2))) for part in (values - finer, finer))
+    off, size = norm(values - finer, weights), norm(finer, weights)
     return off / size if size > 0 else 0.0 if off == 0 else np.inf
+
+
+def norm(values: Floats, weights: Floats) -> float:
+    """Over poses and points, for values (K, M, d) and weights (M,)."""
+    return float(np.sqrt(np.einsum("m,kmd->", weights, values**2)))
 
 
 def observed_order(sizes: tuple[float, float, float], differences: tuple[float, float], highest: float) -> float:
@@ -78,25 +86,32 @@ def estimate(sizes: Sequence[float], differences: Sequence[float], highest: floa
     return ErrorEstimate(error, order, "seen" if seen >= lowest else "irregular")
 
 
-def looked(alone: Sequence[tuple[float, float]], times: Sequence[float], change: float, usual: float, quantity: str) -> ErrorEstimate:
+def looked(alone: Sequence[tuple[float, Floats]], times: Sequence[float], change: float, usual: float, quantity: str,
+           weights: Floats) -> ErrorEstimate:
     """The error of a second mesh, from what each direction did on the first: the order is that with which all of it adds up to a change.
 
     Args:
-        alone: of each direction, the ratio n / n' of a mesh refined in it alone, and how far that is from the first mesh
+        alone: of each direction, the ratio n / n' of a mesh refined in it alone, and (K, M, d) its difference from the first mesh
         times: how many times more cells the second mesh has along each
         change: how far the second mesh is from the first; usual: the highest order to believe in
-    """
-    def parts(p: float) -> Floats:
-        return np.array([coarse(ratio, off, p) for ratio, off in alone])
 
-    def miss(p: float) -> float:
-        return float((parts(p) * (1 - np.array(times) ** -p)).sum()) - change
+    All lengths are in the same unit, that of the size of the values, say.
+    """
+    def sized(p: float, share: Callable[[float], float]) -> float:
+        """Of the first mesh's error, direction by direction, the shares that so many times more cells leave of each."""
+        parts = [off * (share(by) / (1 - ratio**p)) for (ratio, off), by in zip(alone, times, strict=True)]
+        return norm(np.sum(parts, axis=0), weights)
+
+    def made(p: float) -> float:
+        return sized(p, lambda by: 1 - by**-p)
 
     lowest = LOWEST[quantity]
-    seen = usual if miss(usual) >= 0 else lowest if miss(lowest) <= 0 else float(brentq(miss, lowest, usual))
-    left = float((parts(seen) * np.array(times) ** -seen).sum())
-    scale = max(1.0, change / max(change + miss(seen), ROUNDING))  # it changed by more than even the lowest order has it
-    return ErrorEstimate(left * scale, seen, "irregular" if scale > 1 and seen == lowest else "seen")
+    if made(usual) >= change:
+        seen = usual
+    else:
+        seen = lowest if made(lowest) <= change else float(brentq(lambda p: made(p) - change, lowest, usual))
+    scale = max(1.0, change / max(made(seen), ROUNDING))  # it changed by more than even the lowest order has it
+    return ErrorEstimate(sized(seen, lambda by: by**-seen) * scale, seen, "irregular" if scale > 1 and seen == lowest else "seen")
 
 
 def coarse(ratio: float, difference: float, order: float) -> float:

@@ -58,6 +58,10 @@ class Frequencies:
         """The first mesh that was solved of an order, or nothing."""
         return [pilot for (one, _), (pilot, _) in self._known.items() if one == order][:1]
 
+    def solved(self, order: int) -> list[tuple[Sizes, Pilot]]:
+        """All meshes of an order that were solved."""
+        return [(sizes, pilot) for (one, sizes), (pilot, _) in self._known.items() if one == order]
+
     def found(self, climb: Climb) -> Modes:
         """On the mesh where a climb is."""
         return self._known[climb.family.order, climb.sizes][1]
@@ -83,13 +87,12 @@ def choose_modes(scene: Scene, count: int, most: int = MOST_NODES) -> ChosenMode
     pilots = Frequencies(count)
     best, other = climbed([Climb(kind, pilots, MESH * asked, most, kind.base) for kind in kinds])
     modes = pilots.found(best)
-    rows = [*rows_of_mesh(best), row("the whole body", f"{best.family.said(best.sizes)}; error falls as h^{best.order:.2g} ({best.how})",
-                                     best.error, best.pilot.seconds)]
+    rows = [*rows_of_mesh(best), row("the whole body", f"{best.family.said(best.sizes)}; {best.said}", best.error, best.pilot.seconds)]
     if other is not None:
         sizes, error = other.ladder[-1]
         rows.append(row("the other order", other.family.said(sizes) + ("" if other.reached else ", given up"), error,
                         pilots(other.family, sizes).seconds))
-    rows.append(row("the search", f"{len(pilots)} meshes, of which the last is the answer", None, pilots.seconds))
+    rows.append(row("the search", f"{len(pilots)} meshes", None, pilots.seconds))
     remarks = ("the error does not fall regularly: the larger of two differences is taken",) * (best.how == "irregular")
     return ChosenModes(best.family.rung(best.sizes)[0], modes,
                        Verdict(asked, "frequency", best.error, best.reached, tuple(rows), remarks))

@@ -34,6 +34,7 @@ Floats = NDArray[np.float64]
 POSES = 4  # and two for each leg of a path or row of a table
 HALF = 0.6  # of the last displacement: the other pose on a path that goes one way
 EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "triangle": 6}  # cells of even boxes among which one holds a point
+FEW = 4  # nearest cells among which one mostly holds a point
 POWER, IDLE = 1.3, 300  # a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows
 SECOND = 1.7  # times as much with cells of second order
 
@@ -87,6 +88,11 @@ class Pilots:
     def __len__(self) -> int:
         return len(self._known)
 
+    @property
+    def straight(self) -> bool:
+        """Whether the path goes one way, so that two poses are enough."""
+        return len(self.fractions) == 2 < min(self.count, POSES)
+
     def knows(self, family: MeshFamily, sizes: Sizes) -> bool:
         """Whether a mesh was solved."""
         return (family.order, sizes, self.tolerance) in self._known
@@ -94,6 +100,10 @@ class Pilots:
     def first(self, order: int) -> list[Pilot]:
         """The first mesh that was solved of an order, or nothing."""
         return [pilot for (one, _, _), pilot in self._known.items() if one == order][:1]
+
+    def solved(self, order: int) -> list[tuple[Sizes, Pilot]]:
+        """All meshes of an order that were solved."""
+        return [(sizes, pilot) for (one, sizes, tolerance), pilot in self._known.items() if one == order and tolerance == self.tolerance]
 
     def of(self, scene: Scene, solution: Solution, frames: list[int]) -> Floats:
         """(K, M, d) what the error is of, at some frames of a solution."""
@@ -110,7 +120,7 @@ class Pilots:
     def carried(self, mesh: Mesh, values: Floats, points: Floats, outside_by: float = 1e-6) -> Floats:
         """(K, M, d) what nodes have (K, N, d) at points (M, 3) of the body, or outside of it by so many cells."""
         even = EVEN.get(mesh.cell, CANDIDATES) if self.scene.body.shape in ("beam", "plate") else CANDIDATES
-        return np.asarray(interpolate(mesh, values, points, outside_by=outside_by, candidates=even))
+        return np.asarray(interpolate(mesh, values, points, outside_by=outside_by, candidates=even, few=min(even, FEW)))
 
     def _fewer(self, found: Pilot) -> Pilot:
         """Keep the poses that are enough from here on."""
@@ -127,6 +137,8 @@ class Pilots:
         Raises `NoEquilibrium` when a pose is found neither way.
         """
         path = LoadPath(scene, mesh, tolerance=tolerance, small_strain=self.small_strain)
+        if path.linear is None:
+            self.small_strain = 0.0
         states, linear = [], []
         starts = self.carried(near.mesh, near.u, mesh.points, outside_by=1.0)
         for fraction, start in zip(map(float, fractions), starts, strict=True):
@@ -159,6 +171,8 @@ class Pilots:
             each *= 4
         if found.failure:
             raise NoEquilibrium(f"on {len(mesh.points)} nodes: {found.failure}", found)
+        if not found.linear_steps:
+            self.small_strain = 0.0
         frames = [round(count * float(fraction)) for fraction in self.fractions]
         return Pilot(mesh, self.of(scene, found, frames), found.displacement[frames], 0.0)
 

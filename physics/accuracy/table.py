@@ -80,7 +80,7 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     estimated = climb.error + linear + choice.loose + path + between
     reached = bool(climb.reached and estimated <= choice.asked)
     ratio = solution.seconds / choice.pilot.seconds
-    add("the whole scene", f"{family.said(climb.sizes)}; error falls as h^{climb.order:.2g} ({climb.how})", estimated, solution.seconds)
+    add("the whole scene", f"{family.said(climb.sizes)}; {climb.said}", estimated, solution.seconds)
     coarser, finer = _beside(choice)
     for name, mesh in (("next coarser", coarser), ("next finer", finer)):
         if mesh is not None:
@@ -114,16 +114,19 @@ def rows_of_mesh(climb: Climb) -> list[Row]:
 def _between(choice: Choice, solution: Solution) -> tuple[float, str]:
     """What the mesh makes of the error at poses that no pilot looked at, over that at those which they did; and where.
 
-    The mesh before is solved there from the answer; differences between two meshes stand for errors.
+    The mesh before, or the one that the answer was held against, is solved there from the answer; differences between two meshes stand
+    for errors.
     """
     climb, pilots, frames = choice.climb, choice.pilots, len(solution.displacement) - 1
+    if pilots.straight:
+        return 0.0, "none is looked at: the path goes one way"
     looked = {round(frames * float(fraction)) for fraction in pilots.fractions}
     ends = sorted({0, *looked})
     middles = [(a + b + 1) // 2 for a, b in pairwise(ends) if b - a > 1]
     middles = [middle for middle in middles if middle not in looked][-BETWEEN:]
-    if len(climb.ladder) < 2 or not middles:
+    family, before = climb.family, climb.ladder[-2][0] if len(climb.ladder) > 1 else climb.checked
+    if before is None or not middles:
         return 0.0, "none was looked at"
-    family, before = climb.family, climb.ladder[-2][0]
     fractions = np.array(middles) / frames
     scene, mesh = family.rung(before)
     here = Pilot(solution.mesh, pilots.of(choice.scene, solution, middles), solution.displacement[middles], 0.0)
@@ -131,7 +134,7 @@ def _between(choice: Choice, solution: Solution) -> tuple[float, str]:
     try:
         there = pilots.beside(scene, mesh, pilots.tolerance, here, fractions)
     except (NoEquilibrium, ValueError):
-        return 0.0, "the mesh before has no equilibrium beside the answer"
+        return 0.0, "another mesh has no equilibrium beside the answer"
     finally:
         pilots.seconds += time.process_time() - started
     size = float(np.sqrt(np.einsum("m,kmd->", pilots.weights, choice.pilot.values**2) / len(pilots.fractions)))

@@ -118,13 +118,17 @@ class Linear:
 
 
 def choose(scene: Scene, mesh: Mesh, finite: Balance, allowed: float = LINEAR_TOLERANCE) -> tuple[Linear | None, str]:
-    """A linear solver when it is good enough for a scene, None when it is not; and why. Args: allowed: error of the largest displacement.
+    """A linear solver when it is good enough for a scene, None when it is not; and why.
+
+    Args: allowed: error of the largest displacement; it is not tried where that is 0
 
     Looked at is the end of the loading, or where the obstacle is deepest in the body at rest.
     """
     if scene.linear:
         other = scene.under("saint-venant-kirchhoff").material  # the law of finite strain that is linear in its strain
         return Linear(Newton(finite), Elasticity(mesh, other, finite.fixed, scene.body.element), asked=True), ""
+    if allowed <= 0:
+        return None, "finite strain"
     if finite.pressed is not None:
         return None, "finite strain: a pressure follows its face"
     if finite.varied:

@@ -16,16 +16,30 @@ from physics.mesh.mesh import Mesh
 
 Floats = NDArray[np.floating[Any]]
 CANDIDATES, NEWTON_STEPS = 24, 6
+CLOSE, INSIDE = 1e-9, 1e-8  # of a cell's size
 
 
 def interpolate(mesh: Mesh, displacement: Floats, points: Floats, outside_by: float = 1e-6,
-                candidates: int = CANDIDATES) -> Floats:
+                candidates: int = CANDIDATES, few: int | None = None) -> Floats:
     """(T, M, 3) displacements at other rest points (M, 3), by the shape functions of the cell that holds each of them.
 
-    The cell is sought among the `candidates` with the nearest centres (of even boxes one is enough),
-    by Newton's iteration on the isoparametric map.
+    The cell is sought among the `candidates` with the nearest centres (of even boxes one is enough), first among `few` of them where that
+    is given: of cells that share a point any may then be taken.
     (vtkProbeFilter of VTK 9.7.2 takes some points on the faces of prisms from outside of a wrong prism.)
     Raises ValueError when a point lies in no cell by more than `outside_by` of the cell's size; what lies outside is extrapolated.
+    """
+    outside, nodes, weights = _located(mesh, points, few or candidates, 0.0 if few is None else CLOSE)
+    if few is not None and len(left := np.flatnonzero(outside > INSIDE)):
+        outside[left], nodes[left], weights[left] = _located(mesh, points[left], candidates, CLOSE)
+    if (lost := int((outside > outside_by).sum())):
+        raise ValueError(f"{lost} of {len(points)} points lie outside of the mesh to interpolate from")
+    return np.einsum("mn,tmnd->tmd", weights, displacement[:, nodes])
+
+
+def _located(mesh: Mesh, points: Floats, candidates: int, close: float) -> tuple[Floats, Any, Floats]:
+    """How far each point is outside (M,) of the nearest cell, in sizes of it, the nodes (M, n) of that, and their weights (M, n).
+
+    By Newton's iteration on the isoparametric map, until all are as close, in sizes of a cell.
     """
     extent = np.ptp(mesh.points[mesh.cells], axis=1).mean(axis=0)  # of a cell along x, y, z: distances count in cells
     flat = range(mesh.dimension, 3)  # a plane body has no extent along z
@@ -39,6 +53,8 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats, outside_by: fl
     for _ in range(NEWTON_STEPS):
         values, gradients = CELLS[mesh.cell].shapes(at)
         missing = points[:, None] - np.einsum("mkn,mknd->mkd", values, corners)
+        if (abs(missing) <= close * extent).all():
+            break
         jacobian = np.einsum("mkne,mknd->mkde", gradients, corners)
         jacobian[..., flat, flat] = 1.0
         at = at + np.linalg.solve(jacobian, missing[..., None])[..., 0]
@@ -46,8 +62,5 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats, outside_by: fl
     astray = np.linalg.norm(points[:, None] - np.einsum("mkn,mknd->mkd", values, corners), axis=-1)
     outside = np.maximum(-first.shapes(at)[0].min(axis=-1), 0) + astray / np.ptp(corners, axis=2).max(axis=-1)  # (M, k)
     best = np.argmin(outside, axis=1)[:, None]
-    if (lost := int((np.take_along_axis(outside, best, 1) > outside_by).sum())):
-        raise ValueError(f"{lost} of {len(points)} points lie outside of the mesh to interpolate from")
     nodes = mesh.cells[np.take_along_axis(near, best, 1)[:, 0]]  # (M, n)
-    weights = np.take_along_axis(values, best[..., None], 1)[:, 0]  # (M, n)
-    return np.einsum("mn,tmnd->tmd", weights, displacement[:, nodes])
+    return np.take_along_axis(outside, best, 1)[:, 0], nodes, np.take_along_axis(values, best[..., None], 1)[:, 0]
