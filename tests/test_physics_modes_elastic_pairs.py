@@ -10,7 +10,7 @@ import scipy.linalg
 
 from physics.linalg.eigen.pairs import Pairs
 from physics.mesh.build import build_mesh
-from physics.modes.elastic import _first_bending, _rigid_motions, amplitudes, elastic_modes, elastic_problem, remarks
+from physics.modes.elastic import _first_bending, _rigid_motions, elastic_modes, elastic_problem, remarks
 from physics.modes.laplacian import laplacian_modes
 from physics.scene import read_body, read_scene
 from tests.scenes import beam
@@ -145,18 +145,6 @@ def test_a_rectangle_has_the_waves_along_its_sides():
     assert both.eigenvalues == pytest.approx([0, 4 * np.pi**2, np.pi**2 / 0.09], rel=1e-4, abs=1e-7)
     assert both.constant == both.constant_expected == 1 and both.clusters == (range(0, 1), range(1, 2), range(2, 3))
     assert both.shapes[0] == pytest.approx(np.full(len(both.mesh.points), 1 / np.sqrt(0.15)), rel=1e-6)  # integral of the square 1
-
-
-def test_amplitudes_are_roots_of_sums_over_a_clusters_modes_and_components():
-    rng = np.random.default_rng(0)
-    shapes = rng.normal(size=(4, 5, 3)) * [1.0, 3.0, 0.2]
-    found = amplitudes(SimpleNamespace(shapes=shapes, clusters=(range(0, 1), range(1, 4))))
-    expected = np.zeros((2, 5))
-    for g, members in enumerate(((0,), (1, 2, 3))):
-        for node in range(5):
-            expected[g, node] = np.sqrt(sum(shapes[k, node, d] ** 2 for k in members for d in range(3)))
-        expected[g] /= np.sqrt(sum(a**2 for a in expected[g]) / 5)
-    assert found == pytest.approx(expected)
 
 
 def test_rigid_motions_strain_nothing_and_the_first_guess_is_of_the_slender_cantilever():
