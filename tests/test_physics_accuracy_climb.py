@@ -38,9 +38,6 @@ class Made:
             self.known[family.order, sizes] = Pilot(mesh, values[None, None], np.zeros((1, 0, 3)), 0.0)
         return self.known[family.order, sizes]
 
-    def first(self, order):
-        return [pilot for (one, _), pilot in self.known.items() if one == order][:1]
-
     def solved(self, order):
         return [(sizes, pilot) for (one, sizes), pilot in self.known.items() if one == order]
 

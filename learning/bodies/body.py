@@ -192,7 +192,7 @@ def see(scene: Scene, mesh: Mesh) -> PressedBody:
         for letter in support.fixed:
             fixed[mesh.place(support.where), "xyz".index(letter)] = True
     return PressedBody(np.asarray(mesh.points, float), fixed, _surface(mesh, obstacle.contact == "nodes"), obstacle,
-                material.poisson_ratio, material.law, _inside(mesh), _seats(mesh, fixed))
+                       material.poisson_ratio, material.law, _inside(mesh), _seats(mesh, fixed))
 
 
 def _inside(mesh: Mesh) -> Weighed:

@@ -98,7 +98,7 @@ def read_seen(run: str | Path) -> SeenRange | None:
     try:
         table = json.loads(path.read_text())
         return SeenRange({name: (float(low), float(high)) for name, (low, high) in table["numbers"].items()},
-                    {name: tuple(words) for name, words in table["choices"].items()}, int(table["trajectories"]))
+                         {name: tuple(words) for name, words in table["choices"].items()}, int(table["trajectories"]))
     except FileNotFoundError:
         return None
     except (ValueError, KeyError, TypeError, AttributeError) as error:

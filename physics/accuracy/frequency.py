@@ -54,12 +54,8 @@ class Frequencies:
     def __len__(self) -> int:
         return len(self._known)
 
-    def first(self, order: int) -> list[Pilot]:
-        """The first mesh that was solved of an order, or nothing."""
-        return [pilot for (one, _), (pilot, _) in self._known.items() if one == order][:1]
-
     def solved(self, order: int) -> list[tuple[Sizes, Pilot]]:
-        """All meshes of an order that were solved."""
+        """All meshes of an order that were solved, in their order."""
         return [(sizes, pilot) for (one, sizes), (pilot, _) in self._known.items() if one == order]
 
     def found(self, climb: Climb) -> Modes:

@@ -97,12 +97,8 @@ class Pilots:
         """Whether a mesh was solved."""
         return (family.order, sizes, self.tolerance) in self._known
 
-    def first(self, order: int) -> list[Pilot]:
-        """The first mesh that was solved of an order, or nothing."""
-        return [pilot for (one, _, _), pilot in self._known.items() if one == order][:1]
-
     def solved(self, order: int) -> list[tuple[Sizes, Pilot]]:
-        """All meshes of an order that were solved."""
+        """All meshes of an order that were solved, in their order."""
         return [(sizes, pilot) for (one, sizes, tolerance), pilot in self._known.items() if one == order and tolerance == self.tolerance]
 
     def of(self, scene: Scene, solution: Solution, frames: list[int]) -> Floats:

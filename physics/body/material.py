@@ -9,7 +9,7 @@ small one. From Young's modulus and Poisson's ratio: mu the shear modulus, lambd
     "small strain"     tr e     e : e      I        2 e
 
 Stress and tangent are not written down anywhere: UFL differentiates the energies for the compiled kernels (kernel.py), and
-`stress` carries their slopes along (dual numbers, forward-mode differentiation) where there is no UFL (physics/reduced).
+`stress` takes their slopes by complex steps, exact to rounding, where there is no UFL (physics/reduced).
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ from physics.schema import Bound, InputError
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64] | slice  # numbers of cells (c,), or all of them
 Expression = Any  # of UFL, which has no useful types, or an array
-ROUND = np.ix_([1, 2, 0, 1], [1, 2, 0, 1])
-ONE, OTHER = np.eye(2)[:, :, None]
+STEP = 1e-30  # along the imaginary axis: its square is nothing beside 1
 AT_ONCE = 1024  # points, so that what is between stays in the cache
 
 
@@ -92,9 +91,9 @@ def stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
 def _stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
     F = H + np.eye(3)
     if law.invariants == "stretch":
-        around = F.transpose(1, 2, 0)[ROUND]  # (4, 4, Q) rows and columns 1, 2, 0, 1
-        near, far = slice(0, 3), slice(1, 4)
-        cofactor = (around[near, near] * around[far, far] - around[near, far] * around[far, near]).transpose(2, 0, 1)  # J F^-T
+        cofactor = np.empty_like(F)  # J F^-T
+        for i, j in np.ndindex(3, 3):
+            cofactor[:, i, j] = F[:, i - 2, j - 2] * F[:, i - 1, j - 1] - F[:, i - 2, j - 1] * F[:, i - 1, j - 2]
         a, b = np.einsum("qij,qij->q", F, F), np.einsum("qi,qi->q", F[:, 0], cofactor[:, 0])
         b[b <= 0] = np.nan
         slopes = 2 * F, cofactor
@@ -104,38 +103,9 @@ def _stress(law: Law, H: Floats, lmbda: Floats, mu: Floats) -> Floats:
         strain = strain if small else strain + H.swapaxes(1, 2) @ H / 2
         a, b = np.trace(strain, axis1=1, axis2=2), (strain * strain).sum(axis=(1, 2))
         slopes = (np.eye(3), 2 * strain) if small else (F, 2 * F @ strain)
-    by_a, by_b = law.energy(Dual(a, ONE), Dual(b, OTHER), lmbda, mu, Dual.log).slopes
+    by_a = law.energy(a + 1j * STEP, b, lmbda, mu, np.log).imag / STEP
+    by_b = law.energy(a, b + 1j * STEP, lmbda, mu, np.log).imag / STEP
     return np.asarray(by_a[:, None, None] * slopes[0] + by_b[:, None, None] * slopes[1])
-
-
-class Dual:
-    """Numbers (Q,) that carry their slopes (2, Q) by two unknowns along."""
-
-    __array_ufunc__ = None  # so that an array leaves its products with one to it
-
-    def __init__(self, value: Floats, slopes: Floats) -> None:
-        self.value, self.slopes = value, slopes
-
-    def __add__(self, other: Dual | Floats | float) -> Dual:
-        if isinstance(other, Dual):
-            return Dual(self.value + other.value, self.slopes + other.slopes)
-        return Dual(self.value + other, self.slopes)
-
-    def __mul__(self, other: Dual | Floats | float) -> Dual:
-        if isinstance(other, Dual):
-            return Dual(self.value * other.value, self.value * other.slopes + other.value * self.slopes)
-        return Dual(self.value * other, self.slopes * other)
-
-    __radd__, __rmul__ = __add__, __mul__
-
-    def __sub__(self, other: Dual | Floats | float) -> Dual:
-        return self + -1 * other
-
-    def __pow__(self, power: float) -> Dual:
-        return Dual(self.value**power, power * self.value ** (power - 1) * self.slopes)
-
-    def log(self) -> Dual:
-        return Dual(np.log(self.value), self.slopes / self.value)
 
 
 def by_region(materials: Materials, mesh: Mesh) -> list[tuple[Material, Cells]]:

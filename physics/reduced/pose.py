@@ -146,7 +146,6 @@ class Press:
         local = force[pulled] @ self.elastic.columns[columns[pulled]] - space @ (force @ space[pushable])
         return PoseState(centre, q, local.reshape(-1, 3) @ turn.T, whole, push)
 
-
     def _hessian(self, q: Floats) -> Floats:
         """Second derivatives (r, r) of the polynomial at q, or at the last place that they were asked for if that is near."""
         if self._bent is None or abs(self.model.space[::SAMPLE] @ (q - self._bent[0])).max() > FRESH * self.size:
