@@ -109,8 +109,16 @@ class Zone:
     def forces(self, pressure: Floats, normal: Floats) -> Floats:
         """(m, 3) forces [N] on the zone's nodes of point forces (q,) along normals (q, 3)."""
         pressure, normal, found = np.ascontiguousarray(pressure), np.ascontiguousarray(normal), np.zeros((len(self.nodes), 3))
-        _library().forces(ctypes.c_int64(len(pressure)), *self._rows, pointer(pressure), pointer(normal), pointer(found))
+        own = np.arange(len(found))
+        _library().forces(ctypes.c_int64(len(pressure)), *self._rows, *map(pointer, (own, pressure, normal, found)))
         return found
+
+    def judge(self, force: Floats, gap: Floats, normal: Floats, pressure: Floats) -> tuple[Floats, float, float]:
+        """Forces (N, 3) [N] less those of contact, how far points (q,) are from their conditions and how far inside [m], at most."""
+        normal, left, wrong = np.ascontiguousarray(normal), force.copy(), (ctypes.c_double * 2)()
+        _library().judge(ctypes.c_int64(len(gap)), *self._rows, self._there[0],
+                         *map(pointer, (gap, normal, self.softness, pressure, left)), wrong)
+        return left, wrong[0], wrong[1]
 
     def behind(self, points: Integers) -> tuple[Integers, Integers]:
         """(n,) its nodes that hold some of its points (k,), and their numbers; for the same points once more the same arrays."""
@@ -180,6 +188,17 @@ class Condensed:
             self.negative += int((np.linalg.eigvalsh(left) < 0).sum())
         self._inverse = np.linalg.inv(left) if len(left) else left
         self.matrix = matrix + across.T @ self._inverse @ across
+
+    @classmethod
+    def of(cls, felt: Felt, compliance: Floats, negative: int) -> Condensed:
+        """From the compliance (3 n, 3 n) of the nodes that contact is felt at, and the eigenvalues of K below zero."""
+        k, b, compliance = len(felt.gap), len(felt.bend), np.ascontiguousarray(compliance)
+        both = np.empty((k + b, k + b))  # [G; B] K^-1 [G; B]^T, and c on the diagonal of the points
+        _library().condense(ctypes.c_int64(k), ctypes.c_int64(b), ctypes.c_int64(len(compliance)),
+                            *map(pointer, (felt.gradient, felt.bend, compliance, felt.softness, both)))
+        left = -both[k:, k:]
+        left.flat[::b + 1] += 1.0
+        return cls(both[:k, :k], both[k:, :k], left, negative)
 
     def turn(self, rows: Floats) -> Floats:
         """T^-1 times (b,)."""
