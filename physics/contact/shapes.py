@@ -77,10 +77,9 @@ class Round:
         return gap, normal
 
     def bend(self, offset: Floats) -> Floats:
-        offset, ball = np.ascontiguousarray(offset, float), np.empty(len(offset), bool)
-        gap, normal = self.gap(offset)
-        _library().ends(ctypes.c_int64(len(ball)), pointer(offset), *self._axis, pointer(ball))
-        return _bend(normal, gap + self.radius, self.axis, ball)
+        offset, found = np.ascontiguousarray(offset, float), np.empty((len(offset), 2, 3))
+        _library().bends_around(ctypes.c_int64(len(found)), pointer(offset), *self._axis, pointer(self._anywhere), pointer(found))
+        return found
 
 
 class Sphere(Round):

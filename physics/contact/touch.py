@@ -93,7 +93,7 @@ class Zone:
     def covers(self, u: Floats, centre: Floats, near: float) -> bool:
         """True when no point outside of the zone can have a gap below `near` [m]."""
         u = np.ascontiguousarray(u, float)
-        way = max(map(math.dist, np.atleast_2d(centre), np.atleast_2d(self.made_with)))
+        way = math.dist(centre, self.made_with) if centre.ndim == 1 else max(map(math.dist, centre, self.made_with))
         return bool(_library().farthest(ctypes.c_int64(len(u)), pointer(u), self._from) + way <= self._reach - near)
 
     def positions(self, u: Floats) -> Floats:
