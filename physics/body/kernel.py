@@ -63,15 +63,15 @@ class Kernel:
         return found
 
     def forces(self, u: Floats, lame: tuple[float, float], out: Floats | None = None, energies: Floats | None = None) -> Floats:
-        """(N, 3) internal nodal forces [N], added to others where there are some; the energies (C,) [J] on the way, where they are wanted."""
+        """(N, 3) internal nodal forces [N], added to others where there are some; on the way (C,) energies [J], if they are wanted."""
         out = np.zeros(u.shape) if out is None else out
         energies = np.empty(len(self.cells)) if energies is None else energies
         if len(self._ranges) == 1:
             return self._run("forces", u, lame, out, pointer(energies))
         constants, late = self._parts * lame, len(self._late)
         moved, found = np.concatenate([u[self._late], u]), np.concatenate([np.full((late, 3), -0.0), out])  # -0 + f is f
-        jobs = [Thread(target=self._library.forces, args=(*each, pointer(constants), pointer(moved), pointer(found), pointer(energies[first:])))
-                for first, each in self._ranges]
+        given = pointer(constants), pointer(moved), pointer(found)
+        jobs = [Thread(target=self._library.forces, args=(*each, *given, pointer(energies[first:]))) for first, each in self._ranges]
         for job in jobs[1:]:
             job.start()
         jobs[0].run()

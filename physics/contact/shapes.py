@@ -16,9 +16,6 @@ Legend: Q points, P surface nodes, F triangles.
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -26,7 +23,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from physics.contact.surfaces import Surface, box, capped, divide, rounded, square, turned
-from physics.linalg.native import compiled, pointer
 from physics.scene import Obstacle
 
 Floats = NDArray[np.float64]
@@ -59,33 +55,38 @@ class Shape(Protocol):
 
 
 class Round:
-    """All points at the distance r from a core: a point, a line without ends or a segment along the axis; half [m]: of its length."""
+    """All points at the distance r from a core: a point, a line or a segment along the axis.
 
-    def __init__(self, obstacle: Obstacle, half: float) -> None:
+    half: [m] of the length of the core; anywhere: (3,) the normal on the core itself, where every direction is as good as any
+    """
+
+    half = 0.0
+
+    def __init__(self, obstacle: Obstacle) -> None:
         assert obstacle.radius is not None
-        self.radius, self.axis, self.half, self.length = obstacle.radius, _unit(obstacle.axis), half, obstacle.length or 0.0
+        self.radius, self.axis, self.length = obstacle.radius, _unit(obstacle.axis), obstacle.length or 0.0
         self.frame = _frame(self.axis)
-        self._anywhere = _across(self.axis)
+        self.anywhere = _across(self.axis)
         self.width, self.extent = 2 * self.radius, max(np.pi * self.radius, self.length)
-        self._axis = pointer(self.axis), ctypes.c_double(half)
-        self._size = ctypes.c_double(self.radius), pointer(self._anywhere)
+
+    def core(self, along: Floats) -> Floats:
+        """(Q,) [m] where on the axis the nearest point of the core is, for points at (Q,) along it."""
+        return np.clip(along, -self.half, self.half)
 
     def gap(self, offset: Floats) -> tuple[Floats, Floats]:
-        offset, gap = np.ascontiguousarray(offset, float), np.empty(len(offset))
-        normal = np.empty_like(offset)
-        _library().distances(ctypes.c_int64(len(gap)), pointer(offset), *self._axis, *self._size, pointer(gap), pointer(normal))
-        return gap, normal
+        offset = offset - self.core(offset @ self.axis)[:, None] * self.axis
+        distance = np.sqrt((offset * offset).sum(axis=1))[:, None]
+        if distance.min(initial=1.0) > 0:
+            return distance[:, 0] - self.radius, offset / distance
+        far = distance > 0
+        return distance[:, 0] - self.radius, np.where(far, offset / np.where(far, distance, 1.0), self.anywhere)
 
     def bend(self, offset: Floats) -> Floats:
-        offset, found = np.ascontiguousarray(offset, float), np.empty((len(offset), 2, 3))
-        _library().bends_around(ctypes.c_int64(len(found)), pointer(offset), *self._axis, pointer(self._anywhere), pointer(found))
-        return found
+        (gap, normal), along = self.gap(offset), offset @ self.axis
+        return _bend(normal, gap + self.radius, self.axis, (self.core(along) != along) | (self.half == 0))
 
 
 class Sphere(Round):
-    def __init__(self, obstacle: Obstacle) -> None:
-        super().__init__(obstacle, 0.0)
-
     def reach(self, direction: Floats) -> float:
         return self.radius
 
@@ -94,8 +95,7 @@ class Sphere(Round):
 
 
 class Cylinder(Round):
-    def __init__(self, obstacle: Obstacle) -> None:
-        super().__init__(obstacle, float("inf"))
+    half = float("inf")
 
     def reach(self, direction: Floats) -> float:
         return self.radius if abs(self.axis @ direction) <= 1e-9 else float("inf")
@@ -107,7 +107,8 @@ class Cylinder(Round):
 
 class Capsule(Round):
     def __init__(self, obstacle: Obstacle) -> None:
-        super().__init__(obstacle, (obstacle.length or 0.0) / 2)
+        super().__init__(obstacle)
+        self.half = self.length / 2
 
     def reach(self, direction: Floats) -> float:
         return self.radius + self.half * abs(float(self.axis @ direction))
@@ -211,11 +212,17 @@ def _bend(normal: Floats, distance: Floats, straight: Floats, ball: NDArray[np.b
 
     straight: (3,) or (Q, 3) the direction in which it does not curve; ball: (Q,) where it curves in both
     """
-    found, straight = np.empty((len(normal), 2, 3)), np.array(np.broadcast_to(straight, normal.shape), order="C")
-    _library().bends(ctypes.c_int64(len(found)), *map(pointer, (normal, distance, straight, ball, found)))
+    found = np.zeros((len(normal), 2, 3))
+    size = np.sqrt(np.divide(1.0, distance, out=np.zeros(len(normal)), where=distance > 0))[:, None]
+    if ball.any():
+        across = _cross(normal, np.eye(3)[abs(normal).argmin(axis=1)])
+        straight = np.where(ball[:, None], across / np.linalg.norm(across, axis=1, keepdims=True), straight)
+        found[:, 1] = straight * size * ball[:, None]
+    found[:, 0] = _cross(straight, normal) * size
     return found
 
 
-@cache
-def _library() -> ctypes.CDLL:
-    return compiled((Path(__file__).parent / "shapes.cpp").read_text(), rounded=True)
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Vector products (Q, 3) of vectors (Q, 3) or (3,): np.cross, which takes three times as long for a few."""
+    first, second = [1, 2, 0], [2, 0, 1]
+    return a[..., first] * b[..., second] - a[..., second] * b[..., first]

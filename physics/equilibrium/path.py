@@ -156,8 +156,7 @@ class LoadPath:
     def _predict(self, fraction: float) -> Floats:
         """Extrapolated displacements (N, 3), held components on their prescription."""
         self.balance.apply_loads(fraction)
-        found = extrapolate(self.states[-1 - self.order:], fraction)
-        return self.newton.led(found, self.balance.moved(fraction)) if self.balance.moves.nodes.any() else found
+        return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), self.balance.moved(fraction))
 
     def _append(self, state: State) -> State:
         """Keep a state, and choose the order of extrapolation that would have foreseen it best."""

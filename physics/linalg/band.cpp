@@ -79,7 +79,8 @@ static inline void down_one(const double *L, int64_t rows, double *y) {
   y[0] /= L[0];
   for (int64_t i = 1; i <= rows; ++i) y[i] -= L[i] * y[0];
 }
-static inline void up_one(const double *L, int64_t rows, double *y) {
+/* The compiler may sum in vectors from where y lies on a multiple of their size; so that no bit hangs on that, it may not. */
+__attribute__((noinline, optimize("no-tree-vectorize"))) static void up_one(const double *L, int64_t rows, double *y) {
   double rest = y[0];
   for (int64_t i = 1; i <= rows; ++i) rest -= L[i] * y[i];
   y[0] = rest / L[0];
