@@ -68,7 +68,7 @@ def test_the_compiled_pass_finds_what_the_round_shapes_say(contact, keys):
     rigid = Rigid(Obstacle(radius=0.05, path=((0.0, 0.0, 0.0),), **keys))
     zone = Contact(contact.surface, rigid, contact.rest, 5e3).zone(U, CENTRE, np.inf)
     points = CENTRE + np.random.default_rng(5).normal(scale=0.06, size=(len(zone.points), 3))
-    points[0], points[1] = CENTRE, CENTRE + 0.01 * rigid.shape.axis
+    points[:3] = CENTRE, CENTRE + 0.01 * rigid.shape.axis, CENTRE + 0.06 * rigid.shape.anywhere  # the last beside the middle
     zone.positions = lambda u: points
     for found, said in zip(zone.gaps(U, CENTRE), rigid.gap(points, CENTRE), strict=True):
         assert found == pytest.approx(said, rel=0, abs=1e-12)

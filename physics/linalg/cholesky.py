@@ -146,7 +146,7 @@ class _Cholesky:
 
 
 class BandFactor(_Cholesky):
-    """LAPACK's banded Cholesky factor, assembled in place."""
+    """LAPACK's banded Cholesky factor, assembled in place, and solved with by blocks of columns (band.cpp)."""
 
     def __init__(self, elasticity: Stiffness, place: Integers, band: int) -> None:
         super().__init__(elasticity, place, band / OPERATIONS, elasticity.mesh.dimension)
