@@ -7,9 +7,9 @@
 UFL differentiates W(F) and FFCx turns W, P and A into C code that works on one F, number by number. Nothing in it
 depends on the cell but its arguments, so with every `double` that varies replaced by a pack of L the same code works on
 L cells at once, and the compiler finds the wide instructions that it cannot find in the code for one. The sums over nodes
-and the loops over cells stand in loops.cpp. Numbers agree with dolfinx's assembly to rounding. Energies are found with
-the forces, with which they have most in common. Where threads are allowed (threads.py)
-they share the cells of a body that is large enough, with the same bits for any number of them.
+and the loops over cells stand in loops.cpp. Numbers agree with dolfinx's assembly to rounding. Energies are found with the
+forces, with which they have most in common. Where threads are allowed (threads.py) they share the cells of a body that is
+large enough, with the same bits for any number of them.
 
 Legend: N nodes, C cells, n nodes of a cell, P sample points of a cell, d = 3 n, L lanes: 8 with AVX-512, 4 with AVX, else 2.
 """
