@@ -1,11 +1,15 @@
 """Factors of plane bodies and of bodies of second order: against the dense matrix, and what counts as neighbours in their numbering."""
 
+import ctypes
+
 import numpy as np
 import pytest
+from scipy.linalg import lapack
 
 from physics.equilibrium.balance import Balance
 from physics.linalg import cholesky
 from physics.linalg.cholesky import BandFactor, DissectionFactor, NotPositiveDefinite, narrowest_order
+from physics.linalg.native import pointer
 from physics.mesh.build import build_mesh
 from physics.scene import read_scene
 from tests import dense
@@ -72,3 +76,17 @@ def test_of_bodies_of_second_order_both_factors_solve_what_numpy_does():
     for found in (BandFactor(body, *narrowest_order(body)), DissectionFactor(body)):
         found.update(u)
         assert found.solve(force) == pytest.approx(expected, abs=1e-9 * abs(expected).max())
+
+
+@pytest.mark.parametrize("size, band, rights", [(100, 30, 3), (64, 8, 1), (61, 13, 2), (40, 7, 2), (12, 11, 2), (1, 0, 1)])
+def test_a_banded_factor_is_solved_with_as_lapack_does(size, band, rights):
+    """Wide and narrow bands, whole blocks of columns and some over; what stands beyond the last row is not looked at."""
+    rng = np.random.default_rng(size)
+    stored = rng.uniform(-0.1, 0.1, (size, band + 1))  # column after column of the lower band
+    stored[:, 0] = rng.uniform(1, 2, size)
+    force = rng.normal(size=(rights, size))
+    for solve, trans in ((cholesky._library().forward, "N"), (cholesky._library().backward, "T")):
+        expected = lapack.dtbtrs(stored.T, force.T, uplo="L", trans=trans)[0].T
+        found = force.copy()
+        solve(*map(ctypes.c_int64, (size, band)), pointer(stored), ctypes.c_int64(rights), pointer(found))
+        assert found == pytest.approx(expected, rel=0, abs=1e-13 * abs(expected).max())

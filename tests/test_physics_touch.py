@@ -61,6 +61,25 @@ def test_a_zone_is_what_is_nearer_than_its_reach(contact):
     assert whole.sum(axis=0) == pytest.approx(whole[zone.nodes].sum(axis=0))
 
 
+@pytest.mark.parametrize("keys", [{"shape": "sphere"}, {"shape": "cylinder", "axis": (0.0, 2.0, 1.0)},
+                                  {"shape": "capsule", "axis": (1.0, 2.0, 1.0), "length": 0.08}])
+def test_the_compiled_pass_finds_what_the_round_shapes_say(contact, keys):
+    """At points on all sides, past both ends of the capsule, and on the axis itself, where the normal is one that was chosen."""
+    rigid = Rigid(Obstacle(radius=0.05, path=((0.0, 0.0, 0.0),), **keys))
+    zone = Contact(contact.surface, rigid, contact.rest, 5e3).zone(U, CENTRE, np.inf)
+    points = CENTRE + np.random.default_rng(5).normal(scale=0.06, size=(len(zone.points), 3))
+    points[:3] = CENTRE, CENTRE + 0.01 * rigid.shape.axis, CENTRE + 0.06 * rigid.shape.anywhere  # the last beside the middle
+    zone.positions = lambda u: points
+    for found, said in zip(zone.gaps(U, CENTRE), rigid.gap(points, CENTRE), strict=True):
+        assert found == pytest.approx(said, rel=0, abs=1e-12)
+    pressed, pressure = np.arange(2, len(points)), np.full(len(points) - 2, 4.0)
+    every = np.arange(len(zone.nodes))
+    bend, expected = zone.bend(pressed, every, pressure, U, CENTRE), 2 * rigid.bend(points[2:], CENTRE)
+    weights = zone.weights.toarray()[pressed]
+    whole = np.einsum("qa,qtk->qtak", weights, expected).reshape(2 * len(pressed), -1)
+    assert bend == pytest.approx(whole[expected.any(axis=2).ravel()], rel=0, abs=1e-11)
+
+
 def test_a_zone_covers_what_moved_less_than_its_margin(contact):
     """One node moved by 5 mm (3, 4 across), others by less, the obstacle by 3 mm (2, -1, 2): 8 mm of 10 - 2 mm."""
     zone = contact.zone(U, CENTRE, 0.010)

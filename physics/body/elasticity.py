@@ -44,6 +44,8 @@ class Elasticity:
         sampled = samples(mesh, element)
         self._parts = [(_kernel(own.law, mesh, sampled, cells), lame(own), cells) for own, cells in parts]
         self.cells = np.ascontiguousarray(mesh.cells, np.int32)
+        self._energies = [np.empty(len(kernel.cells)) for kernel, _, _ in self._parts]
+        self._at: Floats | None = None  # where they are
         self._matrix: Matrix | None = None
 
     @cached_property
@@ -52,14 +54,19 @@ class Elasticity:
         return fem.Space(self.mesh, components=3)
 
     def energy(self, u: Floats) -> float:
-        """Stored energy [J] at displacements (N, 3) [m]; nan where the law has none (a cell turned inside out)."""
-        return sum(float(kernel.energies(u, moduli).sum()) for kernel, moduli, _ in self._parts)
+        """Stored energy [J] at displacements (N, 3) [m]; nan where the law has none (a cell turned inside out).
+
+        It is known where the forces were asked for last, if that array has not been written to since.
+        """
+        if u is not self._at:
+            Elasticity.force(self, u)
+        return sum(float(energies.sum()) for energies in self._energies)
 
     def force(self, u: Floats) -> Floats:
         """Internal nodal forces (N, 3) [N] at displacements (N, 3) [m]."""
-        found = np.zeros(u.shape)
-        for kernel, moduli, _ in self._parts:
-            kernel.forces(u, moduli, found)
+        found, self._at = np.zeros(u.shape), u
+        for (kernel, moduli, _), energies in zip(self._parts, self._energies, strict=True):
+            kernel.forces(u, moduli, found, energies)
         return found
 
     def stiffness(self, u: Floats) -> PETSc.Mat:

@@ -7,8 +7,9 @@
 UFL differentiates W(F) and FFCx turns W, P and A into C code that works on one F, number by number. Nothing in it
 depends on the cell but its arguments, so with every `double` that varies replaced by a pack of L the same code works on
 L cells at once, and the compiler finds the wide instructions that it cannot find in the code for one. The sums over nodes
-and the loops over cells stand in loops.cpp. Numbers agree with dolfinx's assembly to rounding. Where threads are allowed (threads.py)
-they share the cells of a body that is large enough, with the same bits for any number of them.
+and the loops over cells stand in loops.cpp. Numbers agree with dolfinx's assembly to rounding. Energies are found with the
+forces, with which they have most in common. Where threads are allowed (threads.py) they share the cells of a body that is
+large enough, with the same bits for any number of them.
 
 Legend: N nodes, C cells, n nodes of a cell, P sample points of a cell, d = 3 n, L lanes: 8 with AVX-512, 4 with AVX, else 2.
 """
@@ -53,22 +54,25 @@ class Kernel:
         self._table = _packs(samples, lanes)
         self._mesh = ctypes.c_int64(len(self.cells)), pointer(self.cells), pointer(self._table)
         self._numbered, self._late, starts = _shared(self.cells, lanes, threads)
-        self._ranges = [(ctypes.c_int64(last - first), pointer(self._numbered[first:]), pointer(self._table[first // lanes:]))
+        self._ranges = [(first, (ctypes.c_int64(last - first), pointer(self._numbered[first:]), pointer(self._table[first // lanes:])))
                         for first, last in pairwise(starts)]
 
     def energies(self, u: Floats, lame: tuple[float, float]) -> Floats:
         """(C,) [J] at displacements (N, 3) [m], for Lame's parameters (lambda, mu) [Pa]."""
-        return self._run("energies", u, lame, np.empty(len(self.cells)))
+        found = np.empty(len(self.cells))
+        self.forces(u, lame, energies=found)
+        return found
 
-    def forces(self, u: Floats, lame: tuple[float, float], out: Floats | None = None) -> Floats:
-        """(N, 3) internal nodal forces [N], added to others where there are some."""
+    def forces(self, u: Floats, lame: tuple[float, float], out: Floats | None = None, energies: Floats | None = None) -> Floats:
+        """(N, 3) internal nodal forces [N], added to others where there are some; on the way (C,) energies [J], if they are wanted."""
         out = np.zeros(u.shape) if out is None else out
+        energies = np.empty(len(self.cells)) if energies is None else energies
         if len(self._ranges) == 1:
-            return self._run("forces", u, lame, out)
+            return self._run("forces", u, lame, out, pointer(energies))
         constants, late = self._parts * lame, len(self._late)
         moved, found = np.concatenate([u[self._late], u]), np.concatenate([np.full((late, 3), -0.0), out])  # -0 + f is f
-        jobs = [Thread(target=self._library.forces, args=(*each, pointer(constants), pointer(moved), pointer(found)))
-                for each in self._ranges]
+        given = pointer(constants), pointer(moved), pointer(found)
+        jobs = [Thread(target=self._library.forces, args=(*each, *given, pointer(energies[first:]))) for first, each in self._ranges]
         for job in jobs[1:]:
             job.start()
         jobs[0].run()
@@ -151,7 +155,7 @@ def _library(law: str, nodes: int, points: int, sheet: bool) -> ctypes.CDLL:
         return PACK + "".join(_packed(*form) for form in forms.items()) + loops
 
     loaded = compiled(source, fem.FFCX_VERSION, energy.signature(), PACK, loops)
-    for name in ("energies", "forces", "stiffnesses"):
+    for name in ("forces", "stiffnesses"):
         getattr(loaded, name).restype = None
     return loaded
 

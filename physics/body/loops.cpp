@@ -59,34 +59,30 @@ template <class Law> static inline void at(Law law, const pack *u, const pack *g
     for (int p = 0; p < P; ++p) { \
       const pack *g = table + p * row, V = g[d]; \
       const double *lame = constants + 2 * p;
-extern "C" void energies(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
-                         double *out) {
-  OVER_CELLS
-    pack sum = 0.0;
-    OVER_POINTS
-      pack W;
-      at(energy, x, g, lame, 1, &W);
-      sum += V * W;
-    }
-    for (int l = 0; l < left; ++l) out[first + l] = sum.x[l];
-  }
+/* Stress and energy of one F, which have much in common. */
+static inline void response(pack *SW, const pack *F, const double *c, const double *x, const int *, const uint8_t *) {
+  stress(SW, F, c, x, nullptr, nullptr);
+  energy(SW + 9, F, c, x, nullptr, nullptr);
 }
 extern "C" void forces(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
-                       double *out) {
+                       double *out, double *energies) {
   OVER_CELLS
-    pack f[d];
+    pack f[d], W = 0.0;
     for (int i = 0; i < d; ++i) f[i] = 0.0;
     OVER_POINTS
-      pack S[9];
-      at(stress, x, g, lame, 9, S);
+      pack S[10];
+      at(response, x, g, lame, 10, S);
       for (int i = 0; i < 9; ++i) S[i] = V * S[i];
+      W += V * S[9];
       for (int a = 0; a < n; ++a)
         for (int i = 0; i < 3; ++i)
           for (int j = 0; j < 3; ++j) f[3 * a + i] += S[3 * i + j] * g[3 * a + j];
     }
-    for (int l = 0; l < left; ++l)
+    for (int l = 0; l < left; ++l) {
+      energies[first + l] = W.x[l];
       for (int a = 0; a < n; ++a)
         for (int k = 0; k < 3; ++k) out[3 * int64_t(cell[l * n + a]) + k] += f[3 * a + k].x[l];
+    }
   }
 }
 extern "C" void stiffnesses(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,

@@ -54,41 +54,39 @@ class Shape(Protocol):
         """The surface about the centre in its frame, for a body at (N, 3) in this frame and edges of a size [m]."""
 
 
-class _Round:
-    """All points at the distance r from a core: a point, a line or a segment along the axis."""
+class Round:
+    """All points at the distance r from a core: a point, a line or a segment along the axis.
+
+    half: [m] of the length of the core; anywhere: (3,) the normal on the core itself, where every direction is as good as any
+    """
+
+    half = 0.0
 
     def __init__(self, obstacle: Obstacle) -> None:
         assert obstacle.radius is not None
         self.radius, self.axis, self.length = obstacle.radius, _unit(obstacle.axis), obstacle.length or 0.0
         self.frame = _frame(self.axis)
-        self._anywhere = _across(self.axis)
+        self.anywhere = _across(self.axis)
         self.width, self.extent = 2 * self.radius, max(np.pi * self.radius, self.length)
 
     def core(self, along: Floats) -> Floats:
         """(Q,) [m] where on the axis the nearest point of the core is, for points at (Q,) along it."""
-        raise NotImplementedError
+        return np.clip(along, -self.half, self.half)
 
     def gap(self, offset: Floats) -> tuple[Floats, Floats]:
         offset = offset - self.core(offset @ self.axis)[:, None] * self.axis
         distance = np.sqrt((offset * offset).sum(axis=1))[:, None]
         if distance.min(initial=1.0) > 0:
             return distance[:, 0] - self.radius, offset / distance
-        far = distance > 0  # on the core itself every direction is as good as any: take a fixed one
-        return distance[:, 0] - self.radius, np.where(far, offset / np.where(far, distance, 1.0), self._anywhere)
+        far = distance > 0
+        return distance[:, 0] - self.radius, np.where(far, offset / np.where(far, distance, 1.0), self.anywhere)
 
     def bend(self, offset: Floats) -> Floats:
         (gap, normal), along = self.gap(offset), offset @ self.axis
-        return _bend(normal, gap + self.radius, self.axis, self.core(along) != along)
+        return _bend(normal, gap + self.radius, self.axis, (self.core(along) != along) | (self.half == 0))
 
 
-class Sphere(_Round):
-    def core(self, along: Floats) -> Floats:
-        return np.zeros_like(along)
-
-    def bend(self, offset: Floats) -> Floats:
-        gap, normal = self.gap(offset)
-        return _bend(normal, gap + self.radius, self.axis, np.ones(len(offset), bool))
-
+class Sphere(Round):
     def reach(self, direction: Floats) -> float:
         return self.radius
 
@@ -96,9 +94,8 @@ class Sphere(_Round):
         return capped(self.radius, 0.0, size)
 
 
-class Cylinder(_Round):
-    def core(self, along: Floats) -> Floats:
-        return along
+class Cylinder(Round):
+    half = float("inf")
 
     def reach(self, direction: Floats) -> float:
         return self.radius if abs(self.axis @ direction) <= 1e-9 else float("inf")
@@ -108,12 +105,13 @@ class Cylinder(_Round):
         return turned(np.full(len(heights), self.radius), heights, size)
 
 
-class Capsule(_Round):
-    def core(self, along: Floats) -> Floats:
-        return np.clip(along, -self.length / 2, self.length / 2)
+class Capsule(Round):
+    def __init__(self, obstacle: Obstacle) -> None:
+        super().__init__(obstacle)
+        self.half = self.length / 2
 
     def reach(self, direction: Floats) -> float:
-        return self.radius + self.length / 2 * abs(float(self.axis @ direction))
+        return self.radius + self.half * abs(float(self.axis @ direction))
 
     def mesh(self, along: Floats, size: float) -> Surface:
         return capped(self.radius, self.length, size)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from physics.contact.conditions import ContactSurface, Surfaces
 from physics.contact.obstacles import Rigid
 from physics.contact.several import Rigids
+from physics.contact.shapes import Round
 from physics.linalg.multigrid import Felt
 from physics.linalg.native import compiled, pointer
 from physics.mesh.mesh import Mesh
@@ -88,12 +89,14 @@ class Zone:
         self._kept = self.weights.indptr.astype(np.int32), self.weights.indices.astype(np.int32), self.weights.data
         self._rows = [pointer(array) for array in self._kept]
         self._there, self._from = [pointer(array) for array in (self.nodes, self._rest)], pointer(self.made_at)
+        shape = self.obstacle.shape if isinstance(self.obstacle, Rigid) else None
+        self._round = shape if isinstance(shape, Round) else None  # whose distances are a compiled pass
         self._behind: tuple[Integers, Integers, Integers] | None = None
 
     def covers(self, u: Floats, centre: Floats, near: float) -> bool:
         """True when no point outside of the zone can have a gap below `near` [m]."""
         u = np.ascontiguousarray(u, float)
-        way = max(map(math.dist, np.atleast_2d(centre), np.atleast_2d(self.made_with)))
+        way = math.dist(centre, self.made_with) if centre.ndim == 1 else max(map(math.dist, centre, self.made_with))
         return bool(_library().farthest(ctypes.c_int64(len(u)), pointer(u), self._from) + way <= self._reach - near)
 
     def positions(self, u: Floats) -> Floats:
@@ -104,13 +107,36 @@ class Zone:
 
     def gaps(self, u: Floats, centre: Floats) -> tuple[Floats, Floats]:
         """Gaps (q,) [m] and normals (q, 3) at displacements (N, 3)."""
-        return self.obstacle.gap(self.positions(u), centre)
+        points = self.positions(u)
+        if self._round is None:
+            return self.obstacle.gap(points, centre)
+        offset, gap, normal, shape = points - centre, np.empty(len(points)), np.empty((len(points), 3)), self._round
+        _round().distances(ctypes.c_int64(len(gap)), pointer(offset), pointer(shape.axis), ctypes.c_double(shape.half),
+                           ctypes.c_double(shape.radius), pointer(shape.anywhere), pointer(gap), pointer(normal))
+        return gap, normal
+
+    def _bends(self, points: Floats, centre: Floats, which: Integers) -> Floats:
+        """(k, 2, 3) of `Rigid.bend` for some of its points (k,), which are at (k, 3)."""
+        if self._round is None:
+            return self.obstacle.among(which).bend(points, centre)
+        offset, found, shape = points - centre, np.empty((len(points), 2, 3)), self._round
+        _round().bends(ctypes.c_int64(len(found)), pointer(offset), pointer(shape.axis), ctypes.c_double(shape.half),
+                       pointer(shape.anywhere), pointer(found))
+        return found
 
     def forces(self, pressure: Floats, normal: Floats) -> Floats:
         """(m, 3) forces [N] on the zone's nodes of point forces (q,) along normals (q, 3)."""
         pressure, normal, found = np.ascontiguousarray(pressure), np.ascontiguousarray(normal), np.zeros((len(self.nodes), 3))
-        _library().forces(ctypes.c_int64(len(pressure)), *self._rows, pointer(pressure), pointer(normal), pointer(found))
+        own = np.arange(len(found))
+        _library().forces(ctypes.c_int64(len(pressure)), *self._rows, *map(pointer, (own, pressure, normal, found)))
         return found
+
+    def judge(self, force: Floats, gap: Floats, normal: Floats, pressure: Floats) -> tuple[Floats, float, float]:
+        """Forces (N, 3) [N] less those of contact, how far points (q,) are from their conditions and how far inside [m], at most."""
+        normal, left, wrong = np.ascontiguousarray(normal), force.copy(), (ctypes.c_double * 2)()
+        _library().judge(ctypes.c_int64(len(gap)), *self._rows, self._there[0],
+                         *map(pointer, (gap, normal, self.softness, pressure, left)), wrong)
+        return left, wrong[0], wrong[1]
 
     def behind(self, points: Integers) -> tuple[Integers, Integers]:
         """(n,) its nodes that hold some of its points (k,), and their numbers; for the same points once more the same arrays."""
@@ -125,7 +151,7 @@ class Zone:
 
     def bend(self, points: Integers, nodes: Integers, pressure: Floats, u: Floats, centre: Floats) -> Floats:
         """B (b, 3 n): forces (k,) on a round obstacle take B^T B from the stiffness of n nodes, for their normals turn."""
-        rows = self.obstacle.among(points).bend(self.positions(u)[points], centre) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
+        rows = self._bends(self.positions(u)[points], centre, points) * np.sqrt(pressure)[:, None, None]  # (k, 2, 3)
         point, which = rows.any(axis=2).nonzero()
         return self._spread(points[point], nodes, rows[point, which])
 
@@ -181,6 +207,17 @@ class Condensed:
         self._inverse = np.linalg.inv(left) if len(left) else left
         self.matrix = matrix + across.T @ self._inverse @ across
 
+    @classmethod
+    def of(cls, felt: Felt, compliance: Floats, negative: int) -> Condensed:
+        """From the compliance (3 n, 3 n) of the nodes that contact is felt at, and the eigenvalues of K below zero."""
+        k, b, compliance = len(felt.gap), len(felt.bend), np.ascontiguousarray(compliance)
+        both = np.empty((k + b, k + b))  # [G; B] K^-1 [G; B]^T, and c on the diagonal of the points
+        _library().condense(ctypes.c_int64(k), ctypes.c_int64(b), ctypes.c_int64(len(compliance)),
+                            *map(pointer, (felt.gradient, felt.bend, compliance, felt.softness, both)))
+        left = -both[k:, k:]
+        left.flat[::b + 1] += 1.0
+        return cls(both[:k, :k], both[k:, :k], left, negative)
+
     def turn(self, rows: Floats) -> Floats:
         """T^-1 times (b,)."""
         return self._inverse @ rows
@@ -191,3 +228,8 @@ def _library() -> ctypes.CDLL:
     library = compiled((Path(__file__).parent / "loops.cpp").read_text(), rounded=True)
     library.farthest.restype = ctypes.c_double
     return library
+
+
+@cache
+def _round() -> ctypes.CDLL:
+    return compiled((Path(__file__).parent / "round.cpp").read_text(), rounded=True)

@@ -10,6 +10,7 @@ Legend: N nodes, Q contact points, q of them in a zone near the obstacle.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -286,14 +287,12 @@ class Newton:
         """How far displacements (N, 3) with out-of-balance forces (N, 3) and contact forces (Q,) are from equilibrium."""
         balance, gap_error, penetration, scale, reactions = self.balance, 0.0, 0.0, 0.0, np.zeros((0, 3))
         if touch is not None:
-            force = force.copy()
-            force[touch.zone.nodes] -= touch.zone.forces(touch.pressure, touch.normal)
-            error = np.where(touch.pressure > 0, abs(touch.gap + touch.zone.softness * touch.pressure), -np.minimum(touch.gap, 0))
-            gap_error, penetration = float(error.max(initial=0)), max(0.0, -float(touch.gap.min(initial=0)))
+            force, gap_error, penetration = touch.zone.judge(force, touch.gap, touch.normal, touch.pressure)
             reactions = -touch.zone.obstacle.sums(touch.pressure, touch.normal)
-            reaction, scale = -(touch.pressure @ touch.normal), sum(float(np.linalg.norm(each)) for each in reactions)
+            reaction, scale = reactions.sum(axis=0), sum(math.hypot(*each) for each in reactions.tolist())
         else:
             reaction = -force[balance.bearing].sum(axis=0)
         scale = scale or float(np.linalg.norm(force[balance.fixed]))
-        residual = float(np.linalg.norm(force.take(self._free))) / max(scale, balance.floor / TOLERANCE)
+        left = force.take(self._free)
+        residual = math.sqrt(left @ left) / max(scale, balance.floor / TOLERANCE)
         return State(fraction, u, pressure, reaction, iteration, residual, gap_error, penetration, reactions)

@@ -73,8 +73,8 @@ def extrapolate(states: list[State], fraction: float) -> Floats:
 
 def best_order(states: list[State], state: State) -> int:
     """The order, up to three, of the polynomial through the last states that would have foreseen the next one best."""
-    errors = [np.linalg.norm(away) for away in _through(states[-4:], state.fraction, 1) - state.u]
-    return int(np.argmin(errors))
+    away = (_through(states[-4:], state.fraction, 1) - state.u).reshape(-1, state.u.size)
+    return int(np.einsum("si,si->s", away, away).argmin())
 
 
 def _through(states: list[State], fraction: float, fewest: int) -> Floats:

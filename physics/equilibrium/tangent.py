@@ -164,11 +164,7 @@ class KeptFactor:
 
     def _condense(self, felt: Felt) -> Condensed:
         """The body with its obstacle's roundness, as the points feel it."""
-        compliance, k = self.solver.compliance(felt.nodes), len(felt.gap)
-        rows = np.concatenate([felt.gradient, felt.bend])
-        both = rows @ compliance @ rows.T
-        found = Condensed(both[:k, :k] + np.diag(felt.softness), both[k:, :k], np.eye(len(felt.bend)) - both[k:, k:],
-                          self.solver.negative)
+        found = Condensed.of(felt, self.solver.compliance(felt.nodes), self.solver.negative)
         self.giving = found.negative
         return found
 

@@ -14,6 +14,11 @@ Legend: N nodes, D components of each that are unknown, n = D N unknowns, C cell
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
@@ -23,6 +28,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from physics import threads
 from physics.linalg.columns import Columns
 from physics.linalg.dissection import Dissection, Panels, dissect, slots
+from physics.linalg.native import compiled, pointer
 from physics.linalg.stiffness import Stiffness
 from physics.mesh.cell import CELLS
 
@@ -140,7 +146,7 @@ class _Cholesky:
 
 
 class BandFactor(_Cholesky):
-    """LAPACK's banded Cholesky factor, assembled in place."""
+    """LAPACK's banded Cholesky factor, assembled in place, and solved with by blocks of columns (band.cpp)."""
 
     def __init__(self, elasticity: Stiffness, place: Integers, band: int) -> None:
         super().__init__(elasticity, place, band / OPERATIONS, elasticity.mesh.dimension)
@@ -155,7 +161,6 @@ class BandFactor(_Cholesky):
         self._slot = np.ascontiguousarray(slot, np.int32)
         self._held = np.flatnonzero(held[:-1]) * (band + 1)
         self._storage = np.empty(size * (band + 1) + 1)
-        self._factor: Floats = np.empty((band + 1, 0))
 
     def update(self, u: Floats) -> None:
         self._columns.clear()
@@ -163,23 +168,28 @@ class BandFactor(_Cholesky):
         self.elasticity.add_stiffness(u, self._slot, self._storage)
         self._storage[self._held] = 1.0
         matrix = self._storage[:-1].reshape(-1, self.band + 1).T  # (b + 1, n)
-        self._factor, info = lapack.dpbtrf(matrix, lower=1, overwrite_ab=1)
-        if info or not np.isfinite(self._storage).all():
+        _, info = lapack.dpbtrf(matrix, lower=1, overwrite_ab=1)
+        if info or not np.isfinite(self._storage[:-1:self.band + 1]).all():  # what is no number reaches the diagonal
             raise NotPositiveDefinite(f"the stiffness is not positive definite at unknown {info}")
 
     def _forward(self, y: Floats) -> Floats:
-        return lapack.dtbtrs(self._factor, y, uplo="L", overwrite_b=1)[0].ravel()
+        return self._solved(_library().forward, y)
 
     def _backward(self, y: Floats) -> Floats:
-        return lapack.dtbtrs(self._factor, y, uplo="L", trans="T", overwrite_b=1)[0].ravel()
+        return self._solved(_library().backward, y)
+
+    def _solved(self, solve: Callable[..., None], y: Floats, start: int = 0) -> Floats:
+        """Right sides (m, n) in place, of the unknowns from one on."""
+        solve(ctypes.c_int64(y.shape[-1]), ctypes.c_int64(self.band), pointer(self._storage[start * (self.band + 1):]),
+              ctypes.c_int64(y.size // y.shape[-1]), pointer(y))
+        return y
 
     def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
         unknown = self._unknown[nodes].ravel()
         start = int(unknown.min())
-        right = np.zeros((self._unknown.size - start, len(unknown)), order="F")
-        right[unknown - start, np.arange(len(unknown))] = ~self.elasticity.fixed[nodes, :self._components].ravel()
-        half = lapack.dtbtrs(self._factor[:, start:], right, uplo="L", overwrite_b=1)[0]
-        return np.arange(start, self._unknown.size), half
+        right = np.zeros((len(unknown), self._unknown.size - start))
+        right[np.arange(len(unknown)), unknown - start] = ~self.elasticity.fixed[nodes, :self._components].ravel()
+        return np.arange(start, self._unknown.size), self._solved(_library().forward, right, start).T
 
 
 class DissectionFactor(_Cholesky):
@@ -221,3 +231,8 @@ class DissectionFactor(_Cholesky):
 
     def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
         return self._panels.columns(self._panels.dissection.place[nodes], ~self.elasticity.fixed[nodes])
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    return compiled((Path(__file__).parent / "band.cpp").read_text())

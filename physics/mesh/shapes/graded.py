@@ -18,7 +18,6 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial import Delaunay
-from scipy.stats import qmc
 
 from physics.mesh.mesh import Floats, Integers, Mesh
 from physics.mesh.shapes.boxes import faces
@@ -30,6 +29,7 @@ GROWTH, ACROSS = 0.2, 2.5
 ROUNDS, STRETCH, PUSH = 60, 1.2, 0.2  # of the springs: how often they push, what they want to be of h, the share of a push
 LEAST = 0.2  # quality of a triangle, 2 r / R of its circles
 MOST = 400_000  # nodes
+DRAWS = 50_000  # at a time
 
 Size = Callable[[Floats], Floats]
 
@@ -120,10 +120,9 @@ def _inside(size: Size, extent: Floats, centre: Floats, radius: float, boundary:
     wanted = max(1, round(float((2 / np.sqrt(3) / sizes**2).sum()) * float(np.prod(extent)) / (columns * rows) - boundary / 2))
     if wanted + boundary > MOST:
         raise InputError(f"body.cell_size: {wanted + boundary} nodes; at most {MOST}")
-    least, found, start, sequence = float(sizes.min()), np.empty((0, 2)), 1, qmc.Halton(3, scramble=False)
-    sequence.fast_forward(start)
+    least, found, start = float(sizes.min()), np.empty((0, 2)), 1
     while len(found) < wanted:
-        draws = sequence.random(50_000)
+        draws = np.stack([_halton(base, 1 + DRAWS * (start - 1)) for base in (2, 3, 5)], axis=1)
         points = draws[:, :2] * extent
         sizes = size(points)
         clear = np.minimum.reduce([*points.T, *(extent - points).T, np.hypot(*(points - centre).T) - radius])
@@ -132,6 +131,15 @@ def _inside(size: Size, extent: Floats, centre: Floats, radius: float, boundary:
         if start > 200:
             raise InputError("body.hole_cell_size: too small beside cell_size")
     return found[:wanted]
+
+
+def _halton(base: int, start: int) -> Floats:
+    """(DRAWS,) of Halton's sequence from a number on: sum_k d_k base^-(k+1) of the digits d_k of each number."""
+    left, share, found = start + np.arange(DRAWS), 1 / base, np.zeros(DRAWS)
+    while left.any():
+        left, digit = np.divmod(left, base)
+        found, share = found + share * digit, share / base
+    return found
 
 
 def _relaxed(fixed: Floats, inner: Floats, size: Size, extent: Floats, centre: Floats, radius: float) -> tuple[Floats, Integers]:
