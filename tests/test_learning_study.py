@@ -18,7 +18,7 @@ from learning.networks.rivals.gcn import GCNConfig
 from learning.networks.rivals.mgn import MGNConfig
 from learning.study import work
 from learning.study.plan import FOLDER, SIZES, Trial, load_plan
-from learning.study.run import run_study
+from learning.study.run import read_study, run_study
 from learning.study.table import Score, check_published, gathered, markdown
 from learning.study.work import Training, carried_out, step_memory, step_ms, still
 from learning.training import train as loop
@@ -303,6 +303,11 @@ def test_a_study_is_carried_out_once_and_its_folder_is_its_own(tmp_path, data, c
     assert "data:image/png;base64," in page and "<th scope=\"row\">in segments</th>" in page
     assert run_study(study, tmp_path / "out", size="check", data=data)["new"] == 0
     assert (tmp_path / "out" / "table.md").read_text() == table
+    seen = read_study(study, tmp_path / "out", size="check", data=data)
+    rows = seen.table("as trained on")
+    assert len(rows) == 3 and all(" | ".join(row) in table for row in [seen.heads(), *rows])
+    with pytest.raises(InputError, match=r"out: holds no study"):
+        read_study(study, tmp_path / "nothing/out", size="check")
     with pytest.raises(InputError, match="holds a study with other rows; choose another folder"):
         run_study(written(tmp_path, study.read_text().replace("steps = 4", "steps = 5")), tmp_path / "out", size="check", data=data)
     with pytest.raises(InputError, match="holds something that is no study"):

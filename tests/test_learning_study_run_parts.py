@@ -72,21 +72,22 @@ def data(monkeypatch):
 def test_sets_are_made_but_for_that_which_is_given(tmp_path, data):
     said = []
     made = {"data": tmp_path / "sets" / "data", "far": tmp_path / "sets" / "far"}
-    assert run._sets(plan_of(), tmp_path, None, 5, said.append) == made
+    run._make_sets(plan_of(), tmp_path, made, 5, said.append)
     how = {"workers": 5, "stress": False}
     assert data == [(({"k": 1}, tmp_path / "sets" / "data.toml"), {"train": 2, "test": 1}, made["data"], {"seed": 3} | how),
                     (({"k": 2}, tmp_path / "sets" / "far.toml"), {"test": 1}, made["far"], {"seed": 0} | how)]
     assert said == [f"4 trajectories of beam-small made in 2 s: {made['far']}"]
     data.clear()
     given = tmp_path / "given"
-    assert run._sets(plan_of(), tmp_path, given, None, said.append) == {"data": given, "far": made["far"]}
+    run._make_sets(plan_of(), tmp_path, made | {"data": given}, None, said.append)
     assert data[:3] == [("manifest", given), (given, "train"), (given, "test")] and len(data) == 4
 
 
 def test_sets_have_stress_where_a_row_predicts_it(tmp_path, data):
     for name, stress in (("von_mises", True), ("stress", True), ("other", False)):
         row = Line("b", TrainConfig(outputs=Outputs(fields=(name,))), {})
-        run._sets(plan_of(rows=(*plan_of().rows, row)), tmp_path, None, 1, str)
+        folders = {name: tmp_path / "sets" / name for name in ("data", "far")}
+        run._make_sets(plan_of(rows=(*plan_of().rows, row)), tmp_path, folders, 1, str)
         assert [asked[3]["stress"] for asked in data[-2:]] == [stress, stress]
 
 
@@ -94,9 +95,9 @@ def test_figures_of_what_never_moves_are_worked_out_once_for_each_set(tmp_path, 
     calls = []
     monkeypatch.setattr(run, "still", lambda paths: calls.append(paths) or {"mc": len(calls)})
     tests = [(Trial("a", "data"), tmp_path / "d"), (Trial("b", "data"), tmp_path / "d"), (Trial("c", "far / set"), tmp_path / "f")]
-    assert run._idle(plan_of(), tmp_path, tests) == {"a": {"mc": 1}, "b": {"mc": 1}, "c": {"mc": 2}}
+    assert run._idle(tmp_path, tests) == {"a": {"mc": 1}, "b": {"mc": 1}, "c": {"mc": 2}}
     assert calls == [[tmp_path / "d" / "test"], [tmp_path / "f" / "test"]] and (tmp_path / "runs" / "still-far-set.json").exists()
-    assert run._idle(plan_of(), tmp_path, tests)["c"] == {"mc": 2} and len(calls) == 2
+    assert run._idle(tmp_path, tests)["c"] == {"mc": 2} and len(calls) == 2
 
 
 def test_work_is_spread_over_processes_or_a_cluster(tmp_path, monkeypatch):
@@ -201,4 +202,11 @@ def test_a_study_has_a_training_for_each_seed_and_row_first_seeds_first(tmp_path
     assert all((job.data, job.device, job.tests) == (sets[0], "d", tuple(zip(plan.tests, sets, strict=True))) for job in missing)
     assert given == (3, "c", ["t"], tmp_path / "out") and written == ["tables", "tables", "tables", "page"]
     assert found == {"title": "T", "size": "check", "trainings": 4, "new": 4, "rows": {}, "out": str(tmp_path / "out")}
+    assert [asked[2] for asked in data if len(asked) == 4] == sets
     assert said[-2:] == ["a line", f"table: {tmp_path / 'out' / 'table.md'}, page: {tmp_path / 'out' / 'report.html'}"]
+    data.clear()
+    for job in missing:  # all is found: neither data nor networks are needed for the table
+        job.folder.mkdir(parents=True)
+        for path in (job.folder / "trained.json", *(job.found(test) for test, _ in job.tests)):
+            path.write_text("{}")
+    assert run.run_study("it", tmp_path / "out", size="check")["new"] == 0 and not spread[-1][0] and not data

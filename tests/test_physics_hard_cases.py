@@ -11,7 +11,7 @@ from physics.equilibrium import balance
 from physics.equilibrium.path import LoadPath
 from physics.mesh.build import build_mesh
 from physics.solution import solve
-from tests.hard_cases import CASES, SLOW, bridge, roughness
+from tests.hard_cases import CASES, SIBLINGS, SLOW, bridge, roughness
 from tests.scenes import beam, pressed
 
 SNAPS = {"column pushed past buckling, with a small side load", "the same without one", "shallow arch pushed through", "slips off the tip",
@@ -23,6 +23,15 @@ def test_hard_case(name):
     row = CASES[name]()
     assert row.error <= row.limit
     assert row.outcome.startswith("snaps at step") if name in SNAPS else row.outcome == "all steps"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "which"), [(name, which) for name, runs in SIBLINGS.items() for which in range(len(runs))])
+def test_others_of_its_kind(name, which):
+    """Whether it snaps is looked at where the case itself does: what it is held against holds on either side."""
+    row = SIBLINGS[name][which]()
+    assert row.error <= row.limit
+    assert row.outcome == "all steps" or (name in SNAPS and row.outcome.startswith("snaps at step"))
 
 
 def test_a_snap_is_said_and_loses_energy():

@@ -5,7 +5,8 @@
     OUT/runs/ROW/SEED    one training each (work.py)
     OUT/table.md, table.csv, report.html    what is found, written anew after each training
 
-First seeds of all rows come first, so that a study that is not done yet has a whole table of few seeds.
+First seeds of all rows come first, so that a study that is not done yet has a whole table of few seeds. What is found of all trainings
+(trained.json, on-TEST.json, run/curve.jsonl, runs/still-DATA.json) makes the table again without data and networks.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from datagen.sets.dataset import files, read_manifest
 from datagen.sets.generate import generate
 from datagen.sets.workers import on_cluster, on_this_machine
 from learning.study.page import write_page
-from learning.study.plan import Plan, family_of, load_plan, slug
+from learning.study.plan import Plan, Trial, family_of, load_plan, slug
 from learning.study.table import Result, check_published, gathered, write_tables
 from learning.study.work import Training, carried_out, still, write_json
 from learning.training.curve import read_curve
@@ -58,13 +59,13 @@ def run_study(path: str | Path, out: str | Path, *, size: str = "small", data: s
     plan, out = load_plan(path, size), Path(out).absolute()
     check_published(plan)
     _claim(plan, out, data)
-    folders = _sets(plan, out, data, workers, say)
+    folders = {name: Path(data).absolute() if name == "data" and data is not None else out / "sets" / name for name in plan.sets}
     tests = tuple((test, folders[test.data]) for test in plan.tests)
-    runs = out / "runs"
-    jobs = {(row.name, seed): Training(runs / slug(row.name) / str(seed), replace(row.config, seed=seed), folders["data"], tests, device)
-            for seed in range(plan.seeds) for row in plan.rows}
-    idle = _idle(plan, out, tests)
+    jobs = _trainings(plan, out, folders["data"], tests, device)
     missing = [job for job in jobs.values() if not job.done]
+    if missing or not all(_still(out, test).exists() for test in plan.tests):
+        _make_sets(plan, out, folders, workers, say)
+    idle = _idle(out, tests)
     with _watched(list(jobs.values())):
         for _ in _spread(missing, workers, cluster, tls, out):
             write_tables(out, gathered(plan, jobs, idle))
@@ -75,6 +76,26 @@ def run_study(path: str | Path, out: str | Path, *, size: str = "small", data: s
         say(line)
     say(f"table: {out / 'table.md'}, page: {out / 'report.html'}")
     return {"title": plan.title, "size": size, "trainings": len(jobs), "new": len(missing), "rows": _rows(result), "out": str(out)}
+
+
+def read_study(path: str | Path, out: str | Path, *, size: str = "small", data: str | Path | None = None) -> Result:
+    """What a study's folder holds so far; nothing is made or trained. Raises `InputError` for a folder of anything else."""
+    plan, out = load_plan(path, size), Path(out).absolute()
+    check_published(plan)
+    if not (out / "study.json").exists():
+        raise InputError(f"{out}: holds no study")
+    _claim(plan, out, data)
+    tests = tuple((test, out / "sets" / test.data) for test in plan.tests)
+    missing = [_still(out, test) for test in plan.tests if not _still(out, test).exists()]
+    if missing:
+        raise InputError(f"{missing[0]}: not there; the study has not begun")
+    return gathered(plan, _trainings(plan, out, out / "sets" / "data", tests, "cpu"), _idle(out, tests))
+
+
+def _trainings(plan: Plan, out: Path, data: Path, tests: tuple[tuple[Trial, Path], ...], device: str) -> dict[tuple[str, int], Training]:
+    """All of a study, by row and seed, first seeds first."""
+    return {(row.name, seed): Training(out / "runs" / slug(row.name) / str(seed), replace(row.config, seed=seed), data, tests, device)
+            for seed in range(plan.seeds) for row in plan.rows}
 
 
 def _spread(jobs: list[Training], workers: int | None, cluster: str, tls: Sequence[str], out: Path) -> Iterator[Any]:
@@ -110,34 +131,32 @@ def _claim(plan: Plan, out: Path, data: str | Path | None) -> None:
     write_json(path, told)
 
 
-def _sets(plan: Plan, out: Path, data: str | Path | None, workers: int | None, say: Callable[[str], None]) -> dict[str, Path]:
-    """The folders of the data, made where they are not there."""
-    folders = {}
+def _make_sets(plan: Plan, out: Path, folders: dict[str, Path], workers: int | None, say: Callable[[str], None]) -> None:
+    """Make the data where it is not there, but for a folder that is not the study's own."""
     stress = any({"stress", "von_mises"} & set(row.config.outputs.fields) for row in plan.rows)
     for name, (table, made) in plan.sets.items():
-        if name == "data" and data is not None:
-            read_manifest(data)
+        if folders[name].parent != out / "sets":
+            read_manifest(folders[name])
             for split in ("train", "test"):
-                files(data, split)
-            folders[name] = Path(data).absolute()
+                files(folders[name], split)
             continue
-        folders[name] = out / "sets" / name
         family = family_of(table, out / "sets" / f"{name}.toml")
         found = generate(family, made.splits, folders[name], seed=made.seed, workers=workers, stress=stress)
         if found["new"]:
             say(f"{found['new']} trajectories of {made.family} made in {found['seconds']:.0f} s: {folders[name]}")
-    return folders
 
 
-def _idle(plan: Plan, out: Path, tests: Sequence[tuple[Any, Path]]) -> dict[str, dict[str, Any]]:
+def _still(out: Path, test: Trial) -> Path:
+    """Where the figures of a body that never moves are."""
+    return out / "runs" / f"still-{slug(test.data)}.json"
+
+
+def _idle(out: Path, tests: Sequence[tuple[Trial, Path]]) -> dict[str, dict[str, Any]]:
     """Figures of a body that never moves, by test; kept."""
-    found: dict[str, dict[str, Any]] = {}
     for test, folder in tests:
-        path = out / "runs" / f"still-{slug(test.data)}.json"
-        if not path.exists():
-            write_json(path, still(files(folder, "test")))
-        found[test.name] = json.loads(path.read_text())
-    return found
+        if not _still(out, test).exists():
+            write_json(_still(out, test), still(files(folder, "test")))
+    return {test.name: json.loads(_still(out, test).read_text()) for test, _ in tests}
 
 
 def _rows(result: Result) -> dict[str, Any]:
