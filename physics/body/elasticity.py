@@ -45,7 +45,7 @@ class Elasticity:
         self._parts = [(_kernel(own.law, mesh, sampled, cells), lame(own), cells) for own, cells in parts]
         self.cells = np.ascontiguousarray(mesh.cells, np.int32)
         self._energies = [np.empty(len(kernel.cells)) for kernel, _, _ in self._parts]
-        self._at: Floats | None = None  # where they are
+        self._at = np.empty(0)  # where they are
         self._matrix: Matrix | None = None
 
     @cached_property
@@ -56,15 +56,15 @@ class Elasticity:
     def energy(self, u: Floats) -> float:
         """Stored energy [J] at displacements (N, 3) [m]; nan where the law has none (a cell turned inside out).
 
-        It is known where the forces were asked for last, if that array has not been written to since.
+        It is known where the forces were asked for last.
         """
-        if u is not self._at:
+        if not np.array_equal(u, self._at):
             Elasticity.force(self, u)
         return sum(float(energies.sum()) for energies in self._energies)
 
     def force(self, u: Floats) -> Floats:
         """Internal nodal forces (N, 3) [N] at displacements (N, 3) [m]."""
-        found, self._at = np.zeros(u.shape), u
+        found, self._at = np.zeros(u.shape), u.copy()
         for (kernel, moduli, _), energies in zip(self._parts, self._energies, strict=True):
             kernel.forces(u, moduli, found, energies)
         return found
