@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from physics.accuracy.between import missed
 from physics.accuracy.choose import MOST_NODES, Choice
 from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
@@ -75,9 +76,12 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     add("kinematics", "the linear law, as asked" if choice.scene.linear else
         f"small strain in {solution.linear_steps} of {frames} steps" if solution.linear_steps else "finite strain", linear)
     add("tolerance", f"{choice.tolerance:.0e} of the reaction", choice.loose)
-    add("steps", f"all {frames} are solved; the end, against the pilot's", path)
+    curves = missed(choice, solution, solution.every) if solution.every > 1 else 0.0
+    add("steps", f"{frames // solution.every} of {frames} are solved, those between lie on cubic splines" if curves else
+        f"all {frames} are solved", curves)
+    add("the path", "its end, against the pilot's", path)
     add("poses between", said, between)
-    estimated = climb.error + linear + choice.loose + path + between
+    estimated = climb.error + linear + choice.loose + curves + path + between
     reached = bool(climb.reached and estimated <= choice.asked)
     ratio = solution.seconds / choice.pilot.seconds
     add("the whole scene", f"{family.said(climb.sizes)}; {climb.said}", estimated, solution.seconds)

@@ -1,0 +1,127 @@
+"""The whole scene on the mesh that was chosen: of a smooth path few steps are solved, those between lie on cubic splines through them.
+
+Where nothing touches the body, and loads and supports grow evenly, equilibria are a smooth function of the fraction of the loading.
+Splines through every k-th step and the rest state are off by about k^4 times what they would be through all. How far is seen when every
+second of the solved steps is left out and held against the splines through the others: with an error that fell as slowly as k^2 a
+quarter of that would be left, which is what counts. Where it is too much more steps are solved, or all. So they are where a step fails,
+or the body snaps: splines know nothing of that.
+
+Held components stay on their prescription. The residual of a step between is that in the middle of its interval, where it is largest.
+Legend: K solved steps and the rest state, M points, d components.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from physics.accuracy.choose import Choice
+from physics.accuracy.estimate import norm
+from physics.accuracy.pilot import POSES, few
+from physics.body.supports import held
+from physics.equilibrium.balance import Balance
+from physics.equilibrium.newton import TOLERANCE
+from physics.scene import Scene
+from physics.solution import Solution, of_path, solve
+
+Floats = NDArray[np.float64]
+
+BETWEEN = 0.05  # of the error asked
+FEWEST = 8  # steps that are solved
+SHARE = 1 / 3  # of the steps: where more have to be solved all are
+SLOWEST = 2  # order with which the error of splines falls at least
+SMOOTH = 4  # and of smooth paths
+
+
+def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None, journal: str | Path | None = None,
+                 partial: bool = False) -> Solution:
+    """All steps of a scene as it was chosen for an error: solved, or between solved ones (`Solution.every`).
+
+    Args: as of `solve`; a journal is kept where all steps are solved
+    Raises: as `solve`
+    """
+    scene, count = choice.scene, choice.scene.steps.count
+    how = {"mesh": choice.mesh, "tolerance": choice.tolerance, "small_strain": choice.small_strain}
+    solved = _divisor(count, FEWEST) if smooth(scene) else None
+    while solved:
+        every = count // solved
+
+        def reached(step: int, every: int = every) -> None:
+            if on_step is not None:
+                on_step(step * every)
+
+        found = solve(replace(scene, steps=replace(scene.steps, count=solved)), on_step=reached, partial=True, **how)
+        if found.failure or found.snap.any():
+            break
+        off = missed(choice, found, 1)
+        if off <= BETWEEN * choice.asked:
+            return _filled(scene, found, every)
+        wanted = solved * max(1.5, (off / (BETWEEN * choice.asked)) ** (1 / SMOOTH))
+        solved = _divisor(count, wanted)
+    return solve(scene, on_step=on_step, journal=journal, partial=partial, **how)
+
+
+def smooth(scene: Scene) -> bool:
+    """Whether nothing that the scene says makes a kink in its path."""
+    return not scene.obstacles and few(scene) == POSES
+
+
+def missed(choice: Choice, solution: Solution, every: int) -> float:
+    """About how far splines through every so manyth frame are off, over the values themselves, in the quantity that the error is of."""
+    frames = list(range(0, len(solution.displacement), every))
+    values = choice.pilots.of(choice.scene, solution, frames)
+    kept = sorted({*range(0, len(frames), 2), len(frames) - 1})
+    left = [i for i in range(len(frames)) if i not in kept]
+    off = np.tensordot(splines(np.array(kept), np.array(left)), values[kept], 1) - values[left]
+    size = norm(values[1:], choice.pilots.weights) / (len(frames) - 1) ** 0.5
+    return norm(off, choice.pilots.weights) / len(left) ** 0.5 / size / 2**SLOWEST if size > 0 else 0.0
+
+
+def splines(at: Floats, to: Floats) -> Floats:
+    """(n, K) what values at some places (K,) make of those at others (n,), by cubic splines through them."""
+    return np.asarray(CubicSpline(at, np.eye(len(at)))(to))
+
+
+def _divisor(count: int, least: float) -> int | None:
+    """The smallest number of steps, at least so many, into which all can be grouped evenly; None where that is too large a share."""
+    return next((n for n in range(FEWEST, int(SHARE * count) + 1) if n >= least and count % n == 0), None)
+
+
+def _filled(scene: Scene, solution: Solution, every: int) -> Solution:
+    """A solution in large steps, with the steps between."""
+    started = time.perf_counter()
+    count, nodes = scene.steps.count, solution.mesh.points.shape
+    frames, ends = np.arange(count + 1), np.arange(0, count + 1, every)
+    to = splines(ends, frames)
+    u = (to @ solution.displacement.reshape(len(ends), -1)).reshape(-1, *nodes)
+    u[ends] = solution.displacement
+    balance = Balance(scene, solution.mesh)
+    fixed = held(scene, solution.mesh)
+    for frame in frames:
+        u[frame][fixed] = balance.moved(frame / count)[fixed]
+    each = {name: to @ getattr(solution, name) for name in ("reaction", "energy")}
+    residual = np.append(solution.relative_residual[0], solution.relative_residual[1:].repeat(every))
+    linear = solution.linear_steps * every
+    for start in ends[:-1]:
+        if start >= linear:
+            middle = start + (every + 1) // 2
+            residual[start + 1:start + every] = _left(balance, u[middle], middle / count)
+    iterations = np.zeros(count + 1, np.int64)
+    iterations[ends] = solution.newton_iterations
+    zeros = np.zeros(count + 1)
+    return of_path(scene, replace(
+        solution, displacement=u, **each, penetration=zeros, newton_iterations=iterations, relative_residual=residual, snap=zeros,
+        released=zeros, linear_steps=linear, every=every, seconds=solution.seconds + time.perf_counter() - started,
+        model=solution.model | {"steps": f"{count // every} of {count} are solved, the others lie on cubic splines through them"}))
+
+
+def _left(balance: Balance, u: Floats, fraction: float) -> float:
+    """|residual| / |reaction| at displacements (N, 3), as in `Solution`."""
+    force = balance.elasticity.force(u) - balance.apply_loads(fraction)
+    return float(np.linalg.norm(force[~balance.fixed]) / max(np.linalg.norm(force[balance.fixed]), balance.floor / TOLERANCE))
