@@ -222,7 +222,8 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
     if processes > 1 and part.exists():
         raise InputError(f"--out {out}: {part.name} is of an unfinished run, which one process goes on with; delete it to start anew")
     with tqdm(total=scene.steps.count, disable=True if rank else None, desc="simulate", unit="step") as bar:
-        how = {"on_step": lambda step: bar.update(step - bar.n), "journal": part if processes == 1 else None, "partial": True}
+        how: dict[str, Any] = {"on_step": lambda step: bar.update(step - bar.n), "partial": True,
+                               "journal": part if processes == 1 else None}
         solution = solve(scene, spread=processes > 1, **how) if choice is None else solve_chosen(choice, **how)
     if (largest := float(abs(solution.displacement).max())) > np.finfo(np.float32).max:
         part.unlink(missing_ok=True)

@@ -126,7 +126,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     found = Solution(
         mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
-        model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, failure=failure)
+        model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, every=1, failure=failure)
     found = of_path(scene, found)
     if failure and not partial:
         raise NoEquilibrium(failure, found)

@@ -124,7 +124,7 @@ def test_what_cannot_be_asked_for_is_refused_in_one_line(changes, words):
 def test_a_quantity_without_an_error_and_a_mesh_that_only_simulate_chooses_are_refused():
     with pytest.raises(InputError, match="steps.quantity: needs error"):
         beam(steps={"count": 1, "quantity": "stress"})
-    with pytest.raises(InputError, match="steps.error, which chooses them, is for simulate and modes alone"):
+    with pytest.raises(InputError, match="steps.error, which chooses them, is for simulate, generate and modes$"):
         build_mesh(asked().body)
 
 

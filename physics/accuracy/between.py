@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,15 +41,17 @@ SMOOTH = 4  # and of smooth paths
 
 
 def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None, journal: str | Path | None = None,
-                 partial: bool = False) -> Solution:
+                 partial: bool = False, balanced: bool = False, snaps: bool = True) -> Solution:
     """All steps of a scene as it was chosen for an error: solved, or between solved ones (`Solution.every`).
 
     Args: as of `solve`; a journal is kept where all steps are solved
+        balanced: whether every step is to satisfy the equations, to TOLERANCE at least: then all are solved
     Raises: as `solve`
     """
     scene, count = choice.scene, choice.scene.steps.count
-    how = {"mesh": choice.mesh, "tolerance": choice.tolerance, "small_strain": choice.small_strain}
-    solved = _divisor(count, FEWEST) if smooth(scene) else None
+    tolerance = min(choice.tolerance, TOLERANCE) if balanced else choice.tolerance
+    how: dict[str, Any] = {"mesh": choice.mesh, "tolerance": tolerance, "small_strain": choice.small_strain, "snaps": snaps}
+    solved = _divisor(count, FEWEST) if smooth(scene) and not balanced else None
     while solved:
         every = count // solved
 
@@ -62,8 +65,7 @@ def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None
         off = missed(choice, found, 1)
         if off <= BETWEEN * choice.asked:
             return _filled(scene, found, every)
-        wanted = solved * max(1.5, (off / (BETWEEN * choice.asked)) ** (1 / SMOOTH))
-        solved = _divisor(count, wanted)
+        solved = _divisor(count, solved * max(1.5, (off / (BETWEEN * choice.asked)) ** (1 / SMOOTH)))
     return solve(scene, on_step=on_step, journal=journal, partial=partial, **how)
 
 
@@ -83,7 +85,7 @@ def missed(choice: Choice, solution: Solution, every: int) -> float:
     return norm(off, choice.pilots.weights) / len(left) ** 0.5 / size / 2**SLOWEST if size > 0 else 0.0
 
 
-def splines(at: Floats, to: Floats) -> Floats:
+def splines(at: NDArray[Any], to: NDArray[Any]) -> Floats:
     """(n, K) what values at some places (K,) make of those at others (n,), by cubic splines through them."""
     return np.asarray(CubicSpline(at, np.eye(len(at)))(to))
 
@@ -108,7 +110,7 @@ def _filled(scene: Scene, solution: Solution, every: int) -> Solution:
     each = {name: to @ getattr(solution, name) for name in ("reaction", "energy")}
     residual = np.append(solution.relative_residual[0], solution.relative_residual[1:].repeat(every))
     linear = solution.linear_steps * every
-    for start in ends[:-1]:
+    for start in ends[:-1].tolist():
         if start >= linear:
             middle = start + (every + 1) // 2
             residual[start + 1:start + every] = _left(balance, u[middle], middle / count)
@@ -124,4 +126,5 @@ def _filled(scene: Scene, solution: Solution, every: int) -> Solution:
 def _left(balance: Balance, u: Floats, fraction: float) -> float:
     """|residual| / |reaction| at displacements (N, 3), as in `Solution`."""
     force = balance.elasticity.force(u) - balance.apply_loads(fraction)
-    return float(np.linalg.norm(force[~balance.fixed]) / max(np.linalg.norm(force[balance.fixed]), balance.floor / TOLERANCE))
+    reaction = max(float(np.linalg.norm(force[balance.fixed])), balance.floor / TOLERANCE)
+    return float(np.linalg.norm(force[~balance.fixed])) / reaction
