@@ -3,8 +3,8 @@
 Where nothing touches the body, and loads and supports grow evenly, equilibria are a smooth function of the fraction of the loading.
 Splines through every k-th step and the rest state are off by about k^4 times what they would be through all. How far is seen when every
 second of the solved steps is left out and held against the splines through the others: with an error that fell as slowly as k^2 a
-quarter of that would be left, which is what counts. Where it is too much more steps are solved, or all. So they are where a step fails,
-or the body snaps: splines know nothing of that.
+quarter of that would be left, which is what counts. Where it is too much more steps are solved, and where that is not enough all. So
+they are where a step fails, or the body snaps: splines know nothing of that.
 
 Held components stay on their prescription. The residual of a step between is that in the middle of its interval, where it is largest.
 Legend: K solved steps and the rest state, M points, d components.
@@ -24,7 +24,6 @@ from scipy.interpolate import CubicSpline
 
 from physics.accuracy.choose import Choice
 from physics.accuracy.estimate import norm
-from physics.accuracy.pilot import POSES, few
 from physics.body.supports import held
 from physics.equilibrium.balance import Balance
 from physics.equilibrium.newton import TOLERANCE
@@ -36,8 +35,9 @@ Floats = NDArray[np.float64]
 BETWEEN = 0.05  # of the error asked
 FEWEST = 8  # steps that are solved
 SHARE = 1 / 3  # of the steps: where more have to be solved all are
+TRIES = 2
 SLOWEST = 2  # order with which the error of splines falls at least
-SMOOTH = 4  # and of smooth paths
+USUAL = 3  # and by which it is foreseen
 
 
 def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None, journal: str | Path | None = None,
@@ -52,7 +52,9 @@ def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None
     tolerance = min(choice.tolerance, TOLERANCE) if balanced else choice.tolerance
     how: dict[str, Any] = {"mesh": choice.mesh, "tolerance": tolerance, "small_strain": choice.small_strain, "snaps": snaps}
     solved = _divisor(count, FEWEST) if smooth(scene) and not balanced else None
-    while solved:
+    for _ in range(TRIES):
+        if solved is None:
+            break
         every = count // solved
 
         def reached(step: int, every: int = every) -> None:
@@ -65,13 +67,13 @@ def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None
         off = missed(choice, found, 1)
         if off <= BETWEEN * choice.asked:
             return _filled(scene, found, every)
-        solved = _divisor(count, solved * max(1.5, (off / (BETWEEN * choice.asked)) ** (1 / SMOOTH)))
+        solved = _divisor(count, solved * max(1.5, (off / (BETWEEN * choice.asked)) ** (1 / USUAL)))
     return solve(scene, on_step=on_step, journal=journal, partial=partial, **how)
 
 
 def smooth(scene: Scene) -> bool:
-    """Whether nothing that the scene says makes a kink in its path."""
-    return not scene.obstacles and few(scene) == POSES
+    """Whether nothing that the scene says makes a kink in its path: no obstacle, and no table."""
+    return not scene.obstacles and all(part.steps is None for part in (*scene.load, *scene.support))
 
 
 def missed(choice: Choice, solution: Solution, every: int) -> float:
