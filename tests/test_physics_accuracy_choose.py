@@ -58,7 +58,7 @@ def test_the_table_has_a_row_for_each_choice_and_its_shares_make_the_whole(bent)
     *_, verdict = bent
     rows = {row["choice"]: row for row in verdict.rows}
     assert all(tuple(row) == HEADS for row in verdict.rows)
-    parts = ("cells along x", "cells along y", "cells along z", "kinematics", "tolerance", "steps")
+    parts = ("cells along x", "cells along y", "cells along z", "kinematics", "tolerance", "steps", "the path")
     assert {*parts, "the whole scene", "next finer", "the search"} <= set(rows)
     assert sum(rows[name]["error"] for name in parts) == pytest.approx(rows["the whole scene"]["error"]) == verdict.estimated
     assert rows["next finer"]["error"] < rows["the whole scene"]["error"]

@@ -7,7 +7,7 @@ quarter of that would be left, which is what counts. Where it is too much more s
 they are where a step fails, or the body snaps: splines know nothing of that.
 
 Held components stay on their prescription. The residual of a step between is that in the middle of its interval, where it is largest.
-Legend: K solved steps and the rest state, M points, d components.
+Legend: N nodes, K solved steps and the rest state, n other steps.
 """
 
 from __future__ import annotations
@@ -78,13 +78,17 @@ def smooth(scene: Scene) -> bool:
 
 def missed(choice: Choice, solution: Solution, every: int) -> float:
     """About how far splines through every so manyth frame are off, over the values themselves, in the quantity that the error is of."""
-    frames = list(range(0, len(solution.displacement), every))
-    values = choice.pilots.of(choice.scene, solution, frames)
-    kept = sorted({*range(0, len(frames), 2), len(frames) - 1})
-    left = [i for i in range(len(frames)) if i not in kept]
-    off = np.tensordot(splines(np.array(kept), np.array(left)), values[kept], 1) - values[left]
-    size = norm(values[1:], choice.pilots.weights) / (len(frames) - 1) ** 0.5
-    return norm(off, choice.pilots.weights) / len(left) ** 0.5 / size / 2**SLOWEST if size > 0 else 0.0
+    frames = np.arange(0, len(solution.displacement), every)
+    kept = np.unique([*range(0, len(frames), 2), len(frames) - 1])
+    left = np.setdiff1d(np.arange(len(frames)), kept)
+    to, led = splines(kept, left), {}
+    for name in ("displacement", "reaction"):
+        led[name] = (given := getattr(solution, name)).copy()
+        led[name][frames[left]] = np.tensordot(to, given[frames[kept]], 1)
+    values, weights = choice.pilots.of(choice.scene, solution, frames.tolist()), choice.pilots.weights
+    off = choice.pilots.of(choice.scene, replace(solution, **led), frames[left].tolist()) - values[left]
+    size = norm(values[1:], weights) / (len(frames) - 1) ** 0.5
+    return norm(off, weights) / len(left) ** 0.5 / size / 2**SLOWEST if size > 0 else 0.0
 
 
 def splines(at: NDArray[Any], to: NDArray[Any]) -> Floats:
