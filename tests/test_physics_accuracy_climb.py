@@ -77,6 +77,14 @@ def test_an_order_without_an_equilibrium_beside_another_that_has_one_is_left_at_
         assert (climb.ended, climb.sizes) == ((True, (6, 2, 2)) if first else (climb.reached, (21, 8, 8)))
 
 
+def test_a_mesh_that_none_beside_it_can_be_held_against_is_an_answer_of_unknown_error():
+    made = Made((1.0, 1.0, 1.0))
+    made.none = {(1, (6, 3, 2))}
+    best, other = choose.climbed([Climb(KINDS[1], made, 0.1, 2000, KINDS[1].base)])
+    assert (best.sizes, best.reached, best.error, other) == ((6, 2, 2), False, np.inf, None)
+    assert set(best.parts) == {0, 1, 2} and best.ended and best.why is not None
+
+
 def true(errors, sizes):
     """Of the values over their size, which is about one."""
     return float(np.linalg.norm([error * n**-2.0 for error, n in zip(errors, sizes, strict=True)]))

@@ -145,7 +145,7 @@ class Climb:
             return
         self.ladder.append((self.sizes, self.error))
         self.reached = self.error <= self.target * (ALONE_ENOUGH if len(self.ladder) == 1 else 1)
-        self.ended = self.reached or self._irregular >= PATIENCE
+        self.ended = self.ended or self.reached or self._irregular >= PATIENCE
         if self.reached:
             self._settle()
 
@@ -169,7 +169,10 @@ class Climb:
             assert refused is not None
             raise refused
         self._fine = [1.0]
-        self.error, self.how, self.order = self._look(), "assumed", FIRST[self.pilots.quantity]
+        try:
+            self.error, self.how, self.order = self._look(), "assumed", FIRST[self.pilots.quantity]
+        except NoEquilibrium as error:  # beside a mesh that has one: its error stays unknown
+            self.shares, self.ended, self.why = [1.0] * len(self.sizes), True, error
 
     def _look(self) -> float:
         """Refine each direction alone: the shares, and what they add up to with the order of two meshes."""

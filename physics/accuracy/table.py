@@ -47,13 +47,14 @@ class Verdict:
 
     def not_kept(self) -> str:
         """Why the error asked is not promised."""
-        return (f"the error asked, {self.asked:.3g}, is not promised: {self.estimated:.2g} is estimated on the best mesh tried, of at "
-                f"most {MOST_NODES} nodes")
+        return (f"the error asked, {self.asked:.3g}, is not promised: {self._said()} on the best mesh tried, of at most {MOST_NODES} nodes")
+
+    def _said(self) -> str:
+        return f"{self.estimated:.2g} is estimated" if math.isfinite(self.estimated) else "nothing is known of it"
 
     def lines(self) -> list[str]:
         """For a reader."""
-        said = (f"error of the {self.quantity}: {self.asked:.3g} asked, {self.estimated:.2g} estimated, "
-                f"{'kept' if self.reached else 'NOT kept'}")
+        said = f"error of the {self.quantity}: {self.asked:.3g} asked, {self._said()}, {'kept' if self.reached else 'NOT kept'}"
         cells = [HEADS, *((row["choice"], row["taken"], *(_number(row[head]) for head in HEADS[2:])) for row in self.rows)]
         wide = [max(len(row[i]) for row in cells) for i in range(len(HEADS))]
         lines = ["  ".join(entry.ljust(n) if i < 2 else entry.rjust(n) for i, (entry, n) in enumerate(zip(row, wide, strict=True))).rstrip()
