@@ -83,7 +83,7 @@ def test_what_is_not_promised_stays_in_the_set_and_is_counted_in_the_manifest_an
 
 
 def test_another_run_makes_nothing_anew_and_what_is_gone_again_to_the_same_bits(family, made, monkeypatch):
-    folder, report = made
+    folder, _ = made
     before = dataset.read_manifest(folder)
     monkeypatch.setattr(generate, "on_this_machine", here)
     again = generate.generate(family, counts(family), folder, workers=1)

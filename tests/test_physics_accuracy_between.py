@@ -12,7 +12,6 @@ from physics.accuracy.between import BETWEEN, solve_chosen, splines
 from physics.accuracy.choose import choose
 from physics.accuracy.estimate import distance
 from physics.body.supports import held
-from physics.scene import read_scene
 from physics.solution import solve
 from tests.scenes import beam
 
@@ -126,8 +125,7 @@ def test_a_path_that_fails_or_snaps_in_large_steps_is_solved_in_all_and_kept_in_
 
 def stand_in():
     """A choice of which only what is asked of a path is there: the values are the displacements of the only node."""
-    scene = read_scene({"body": SIDES | {"cells": [1, 1, 1]}, "material": {"young_modulus": 1.0, "poisson_ratio": 0.3}, "steps": {"count": 400},
-                        "support": [{"where": "x-min"}], "load": [FORCE | {"traction": [0.0, 0.0, -1e-3]}]})
+    scene = beam(load=[FORCE], steps={"count": 400})
     pilots = SimpleNamespace(of=lambda scene, solution, frames: solution.displacement[frames], weights=np.ones(1))
     return SimpleNamespace(scene=scene, mesh=None, tolerance=1e-4, small_strain=0.0, pilots=pilots, asked=0.01)
 
