@@ -54,7 +54,7 @@ def test_a_step_between_has_the_residual_of_the_middle_and_all_steps_of_data_tha
     assert whole.relative_residual.max() <= 1e-6
     solved = found.relative_residual[3::3]
     assert solved.max() < 1e-3 and (found.relative_residual[1::3] == found.relative_residual[2::3]).all()
-    assert found.relative_residual[4::3].max() > solved.max()
+    assert solved.max() < found.relative_residual[1::3].max() < 1e-3  # of loads of another step a tenth and more would be left
 
 
 def test_what_is_held_stays_where_it_is_prescribed_to_be():
