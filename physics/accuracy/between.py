@@ -73,7 +73,8 @@ def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None
 
 def smooth(scene: Scene) -> bool:
     """Whether nothing that the scene says makes a kink in its path: no obstacle, and no table."""
-    return not scene.obstacles and all(part.steps is None for part in (*scene.load, *scene.support))
+    return not scene.obstacles and all(load.steps is None for load in scene.load) and all(
+        support.steps is None for support in scene.support)
 
 
 def missed(choice: Choice, solution: Solution, every: int) -> float:
