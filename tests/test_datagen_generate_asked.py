@@ -13,7 +13,10 @@ from datagen.files.trajectory import read_trajectory
 from datagen.sets import check, dataset, generate
 from datagen.sets.card import write_card
 from physics.accuracy.choose import choose
-from physics.scene import Scene
+from physics.mesh.build import build_mesh
+from physics.mesh.files import write_mesh
+from physics.scene import Body, Scene
+from tests.scenes import beam
 
 TEXT = """
 name = "asks"
@@ -121,6 +124,16 @@ def test_forms_are_compiled_for_every_kind_of_mesh_that_may_be_chosen(family, mo
     monkeypatch.setattr(generate, "elastic_modes", lambda scene, count: None)
     generate.compile_forms([draw(family, 0, 0)])
     assert sorted(asked) == [("hexahedron", 1, "mean-dilatation"), ("hexahedron", 2, "standard")]
+
+
+def test_forms_of_a_file_are_those_of_its_cells_at_both_orders(tmp_path, monkeypatch):
+    write_mesh(tmp_path / "t.vtu", build_mesh(Body(length=0.06, width=0.02, height=0.02, cells=(3, 1, 1), cell="tetrahedron")), {})
+    asked = []
+    monkeypatch.setattr(generate, "solve", lambda scene: asked.append((scene.body.cell, build_mesh(scene.body).cell)))
+    monkeypatch.setattr(generate, "elastic_modes", lambda scene, count: None)
+    generate.compile_forms([beam(body={"shape": "file", "path": str(tmp_path / "t.vtu")}, steps={"count": 1, "error": 0.1},
+                                 support=[{"where": {"near": [0.0, 0.0, 0.0], "within": 0.03}}])])
+    assert sorted(asked) == [("tetrahedron", "tetrahedron"), ("tetrahedron", "tetrahedron10")]
 
 
 def test_a_scene_over_its_time_when_its_mesh_is_chosen_is_given_up(family):
