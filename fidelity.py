@@ -51,6 +51,9 @@ def generate(options: Options) -> dict[str, Any]:
     result = run(family, wanted, _writable(options.out), seed=options.seed, workers=options.workers,
                  cluster=options.cluster, tls=options.tls, time_limit=options.time_limit, stress=bool(options.fields))
     _say(options, ", ".join(f"{key} {value}" for key, value in result.items()) + f": {options.out}")
+    if number := result.get("not_promised"):
+        raise WorkError(f"the error asked is not promised of {number} of {result['trajectories']} trajectories; they are in {options.out}",
+                        result)
     return result
 
 

@@ -206,14 +206,15 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
         raise InputError(f"{options.scene}: simulate takes no channel; modes do")
     out, table = writable(options.out, ".vtkhdf"), writable(options.csv, ".csv", option="--csv")
     html = writable(options.html, ".html", option="--html")
-    choice, how = None, dict[str, Any]()
+    choice = None
     if scene.steps.error is not None:
+        from physics.accuracy.between import solve_chosen
         from physics.accuracy.choose import choose
 
         if processes > 1:
             raise InputError("steps.error: the mesh is chosen in one process")
         choice = choose(scene)
-        scene, how = choice.scene, {"mesh": choice.mesh, "tolerance": choice.tolerance, "small_strain": choice.small_strain}
+        scene = choice.scene
     if out.exists() and unfinished(out) not in (None, scene.to_toml()):
         raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
 
@@ -221,8 +222,9 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
     if processes > 1 and part.exists():
         raise InputError(f"--out {out}: {part.name} is of an unfinished run, which one process goes on with; delete it to start anew")
     with tqdm(total=scene.steps.count, disable=True if rank else None, desc="simulate", unit="step") as bar:
-        solution = solve(scene, on_step=lambda step: bar.update(step - bar.n), journal=part if processes == 1 else None,
-                         spread=processes > 1, partial=True, **how)
+        how: dict[str, Any] = {"on_step": lambda step: bar.update(step - bar.n), "partial": True,
+                               "journal": part if processes == 1 else None}
+        solution = solve(scene, spread=processes > 1, **how) if choice is None else solve_chosen(choice, **how)
     if (largest := float(abs(solution.displacement).max())) > np.finfo(np.float32).max:
         part.unlink(missing_ok=True)
         raise WorkError(f"the body moves by up to {largest:.3g} m, and a file holds numbers up to 3.4e+38; nothing is written")

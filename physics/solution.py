@@ -35,6 +35,7 @@ from physics.schema import InputError
 Floats = NDArray[np.float64]
 
 FEWEST = 4  # steps
+SEEN = "snaps", "folds", "inside out"  # words of the model on what a path shows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +60,7 @@ class Solution:
     kinetic_energy: Floats | None = None  # (T,) [J]; None where inertia is left out
     linear_steps: int = 0  # the first ones, which solve linear elasticity
     resumed: int = 0  # steps that an earlier, unfinished run had reached
+    every: int = 1  # so many steps are one that was solved, and those before it that lie on splines (accuracy/between.py)
     failure: str = ""  # empty when every step was reached
 
     def __repr__(self) -> str:
@@ -124,9 +126,8 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     found = Solution(
         mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
-        model=path.model() | snapped(way.frames["snap"]) | _cut(mesh, way.frames["displacement"]),
-        seconds=way.seconds, set_up=set_up, resumed=way.resumed, failure=failure)
-    found.model.update(_inside_out(scene, found))
+        model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, every=1, failure=failure)
+    found = of_path(scene, found)
     if failure and not partial:
         raise NoEquilibrium(failure, found)
     return found
@@ -157,6 +158,12 @@ def identity(scene: Scene, mesh: Mesh) -> str:
     """One line that no other scene has, nor this one with another mesh in its file."""
     of_file = [mesh.places[name] for name in sorted(mesh.places)] if scene.body.shape == "file" else []
     return digest_of(scene.to_toml(), mesh.points, mesh.cells, *of_file)
+
+
+def of_path(scene: Scene, solution: Solution) -> Solution:
+    """The same, with what its path shows of the body in its model."""
+    seen = snapped(solution.snap) | _cut(solution.mesh, solution.displacement) | _inside_out(scene, solution)
+    return replace(solution, model={name: text for name, text in solution.model.items() if name not in SEEN} | seen)
 
 
 def snapped(snap: Floats) -> dict[str, str]:

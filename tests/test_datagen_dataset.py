@@ -50,7 +50,9 @@ def test_an_entry_says_what_the_trajectory_is():
         file="valid/0003.vtkhdf", split="valid", index=7, failed_attempts=("a", "b"), nodes=8, cells=3, steps=2, seconds=2.0,
         sha256=by_hand(made))
     bare = entry_of("test/0000.vtkhdf", tiny(extra={}))
-    assert (bare.failed_attempts, bare.seconds) == ((), 0.0)
+    assert (bare.failed_attempts, bare.seconds, bare.promised) == ((), 0.0, None)
+    for reached in (True, False):
+        assert entry_of("test/0000.vtkhdf", tiny(extra={"accuracy": {"reached": reached}})).promised is reached
 
 
 def test_files_are_numbered_from_four_digits_on():

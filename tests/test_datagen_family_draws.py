@@ -154,10 +154,12 @@ def test_a_family_file_names_itself_and_may_leave_out_its_splits(tmp_path):
     assert named.name == "other" and counts(named) == {"train": 8, "valid": 1, "test": 4} and "splits" not in named.table
 
 
-def test_a_family_whose_scenes_ask_for_an_error_is_refused():
-    asks = family(body={"length": 0.5, "width": 0.3, "height": 0.2}, steps={"error": 0.01})
-    with pytest.raises(InputError, match="^steps.error: is for simulate alone"):
-        draw(asks, 0, 0)
+def test_a_family_may_ask_for_an_error_in_place_of_a_mesh_and_is_refused_with_both():
+    sides = {"length": 0.5, "width": 0.3, "height": 0.2}
+    scene = draw(family(body=sides, steps={"error": {"choice": [0.01]}, "quantity": "reaction"}), 0, 0)
+    assert (scene.steps.error, scene.steps.quantity, scene.body.cells) == (0.01, "reaction", None)
+    with pytest.raises(InputError, match="^body.cells: steps.error decides"):
+        draw(family(body=sides | {"cells": [2, 2, 2]}, steps={"error": 0.01}), 0, 0)
 
 
 def test_tables_lie_one_over_the_other_those_in_them_too_but_a_range_is_replaced():

@@ -123,3 +123,8 @@ def test_a_diameter_is_found_by_few_searches(monkeypatch):
     mesh = build_mesh(Body(length=1.0, width=1.0, height=1.0, cells=(20, 4, 4), cell="prism"))
     assert graph_diameter(mesh.edges, len(mesh.points)) == brute_force(mesh.edges, len(mesh.points))
     assert len(searches) < len(mesh.points) / 8
+
+
+def test_of_scenes_that_ask_for_an_error_no_mesh_is_foreseen():
+    scene = pressed(body={"length": 0.06, "width": 0.02, "height": 0.02}, steps={"count": 20, "error": 0.03})
+    assert figures(scene) == {"steps": 20, "error": 0.03, "obstacle": "cylinder", "support": "x-min"}

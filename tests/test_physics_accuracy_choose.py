@@ -58,7 +58,7 @@ def test_the_table_has_a_row_for_each_choice_and_its_shares_make_the_whole(bent)
     *_, verdict = bent
     rows = {row["choice"]: row for row in verdict.rows}
     assert all(tuple(row) == HEADS for row in verdict.rows)
-    parts = ("cells along x", "cells along y", "cells along z", "kinematics", "tolerance", "steps")
+    parts = ("cells along x", "cells along y", "cells along z", "kinematics", "tolerance", "steps", "the path")
     assert {*parts, "the whole scene", "next finer", "the search"} <= set(rows)
     assert sum(rows[name]["error"] for name in parts) == pytest.approx(rows["the whole scene"]["error"]) == verdict.estimated
     assert rows["next finer"]["error"] < rows["the whole scene"]["error"]
@@ -124,7 +124,7 @@ def test_what_cannot_be_asked_for_is_refused_in_one_line(changes, words):
 def test_a_quantity_without_an_error_and_a_mesh_that_only_simulate_chooses_are_refused():
     with pytest.raises(InputError, match="steps.quantity: needs error"):
         beam(steps={"count": 1, "quantity": "stress"})
-    with pytest.raises(InputError, match="steps.error, which chooses them, is for simulate and modes alone"):
+    with pytest.raises(InputError, match="steps.error, which chooses them, is for simulate, generate and modes$"):
         build_mesh(asked().body)
 
 

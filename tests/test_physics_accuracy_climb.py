@@ -12,6 +12,7 @@ from physics.accuracy.choose import MESH
 from physics.accuracy.climb import Climb
 from physics.accuracy.ladder import families
 from physics.accuracy.pilot import Pilot
+from physics.equilibrium.state import NoEquilibrium
 from tests.scenes import beam
 
 KINDS = families(beam(body={"length": 0.06, "width": 0.02, "height": 0.02}, steps={"count": 400, "error": 0.01}))  # second order, first
@@ -29,8 +30,11 @@ class Made:
     fractions: np.ndarray = field(default_factory=lambda: np.ones(1))
     weights: np.ndarray = field(default_factory=lambda: np.ones(1))
     known: dict = field(default_factory=dict)
+    none: set = field(default_factory=set)  # orders and meshes without an equilibrium
 
     def __call__(self, family, sizes):
+        if (family.order, sizes) in self.none:
+            raise NoEquilibrium("none")
         if (family.order, sizes) not in self.known:
             errors = [error * (self.second if family.order == 2 else 1.0) for error in self.errors]
             mesh = SimpleNamespace(points=np.zeros((np.prod([n + 1 for n in sizes]), 3)))
@@ -49,6 +53,36 @@ def climbed(errors, target, most=10**6):
     while not climb.ended:
         climb.go_on()
     return climb, made
+
+
+def test_a_mesh_too_far_from_the_one_before_is_come_to_by_a_shorter_step():
+    """From 6 x 2 x 2 it would be 12 x 2 x 2; where that has no equilibrium 6 x 2^0.5 = 8 x 2 x 2 is solved, and the way goes on."""
+    made = Made((1.8, 0.0, 0.0))
+    made.none = {(1, (12, 2, 2))}
+    climb = Climb(KINDS[1], made, 0.005, 10**6, KINDS[1].base)
+    climb.go_on()
+    climb.go_on()
+    assert climb.sizes == (8, 2, 2) and not climb.ended and climb.why is None
+
+
+def test_an_order_without_an_equilibrium_beside_another_that_has_one_is_left_at_once():
+    """Alone it is tried on meshes that are 3/2 times finer, five of them."""
+    for first in (False, True):
+        made = Made((1.0, 1.0, 1.0))
+        made.none = {(2, sizes) for sizes in [(6, 2, 2), (9, 3, 3), (14, 5, 5)]}
+        if first:
+            made(KINDS[1], (6, 2, 2))
+        climb = Climb(KINDS[0], made, 1.0, 10**6, (6, 2, 2))
+        climb.go_on()
+        assert (climb.ended, climb.sizes) == ((True, (6, 2, 2)) if first else (climb.reached, (21, 8, 8)))
+
+
+def test_a_mesh_that_none_beside_it_can_be_held_against_is_an_answer_of_unknown_error():
+    made = Made((1.0, 1.0, 1.0))
+    made.none = {(1, (6, 3, 2))}
+    best, other = choose.climbed([Climb(KINDS[1], made, 0.1, 2000, KINDS[1].base)])
+    assert (best.sizes, best.reached, best.error, other) == ((6, 2, 2), False, np.inf, None)
+    assert set(best.parts) == {0, 1, 2} and best.ended and best.why is not None
 
 
 def true(errors, sizes):

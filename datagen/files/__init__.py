@@ -2,8 +2,8 @@
 
     trajectory   its format: write, read, check
     layout       whether arrays have the shapes of the format
-    solved       the scene and the mesh whose equations it answers
     places       what is kept of a mesh file
+    solved       the scene and the mesh whose equations it answers
     fields       what a file can hold of a solution besides its displacements: stress
     tfrecord     records of TensorFlow, byte by byte
     inputs       what a predictor may see of one, as arrays

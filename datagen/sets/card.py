@@ -135,6 +135,9 @@ def _body(folder: Path, manifest: dataset.Manifest, found: dict[str, Any], rows:
     yield "Errors below these say nothing about a model. " + (NOISE_OF_FLOWS if first.flows else NOISE_OF_SOLIDS) + "\n"
     noise = ("storage_noise", "solver_noise", "change_rms", "velocity_change_rms")
     yield from _table({name: found[name] for name in noise if name in found})
+    if asked := [entry.promised for entry in manifest.trajectories if entry.promised is not None]:
+        yield (f"\nThe mesh of each was chosen for the error that the family asks for (`steps.error`). It is promised of {sum(asked)} of "
+               f"{len(asked)}; each file says under `accuracy` what is estimated.")
     if "refined" in found:
         sample = found["refined"]
         yield (f"\nThe mesh, against the same scene on cells of half the size, for a sample of {sample['count']}"

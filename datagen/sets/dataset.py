@@ -36,6 +36,7 @@ class Entry:
     steps: int
     seconds: float  # of the solver
     sha256: str  # of the arrays, see `digest`
+    promised: bool | None = None  # whether it has the error that its scene asked for; None where it asked for none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +99,8 @@ def entry_of(file: str, trajectory: Trajectory) -> Entry:
     return Entry(file=file, split=file.split("/")[0], index=trajectory.index,
                  failed_attempts=tuple(trajectory.extra.get("failed_attempts", ())), nodes=len(trajectory.points),
                  cells=len(trajectory.types), steps=len(trajectory.displacement) - 1,
-                 seconds=float(trajectory.extra.get("seconds", 0.0)), sha256=digest(trajectory))
+                 seconds=float(trajectory.extra.get("seconds", 0.0)), sha256=digest(trajectory),
+                 promised=trajectory.extra.get("accuracy", {}).get("reached"))
 
 
 def digest(trajectory: Trajectory) -> str:

@@ -7,6 +7,9 @@ when it is whole; what is there already is kept, so a run that was killed goes o
 A scene without an equilibrium, or over its time, is replaced by the next attempt at the same index; the file that takes its
 place carries the reason, and so does the manifest. So is a scene in which the body snaps (physics/equilibrium/snap.py): where it comes
 to rest then depends on more than where the obstacle is, and no predictor could know; and one that is pressed harder than `check` allows.
+
+Where a family asks for an error each scene is meshed for it (physics/accuracy/), and all its steps are solved to the tolerance of data,
+for `check` holds them against the equations. One whose error is not promised stays in the set and is counted.
 """
 
 from __future__ import annotations
@@ -28,11 +31,16 @@ from datagen.files.inputs import centres, numbered
 from datagen.files.layout import remainder_of
 from datagen.files.places import mesh_file, places_of
 from datagen.files.provenance import commit, versions
+from datagen.files.solved import answers
 from datagen.files.trajectory import HANDLE, NORMAL, OBSTACLE, Trajectory, problems, read_trajectory, write_trajectory
 from datagen.flow.trajectory import flow_trajectory
 from datagen.sets import dataset
 from datagen.sets.check import unfit
 from datagen.sets.workers import on_cluster, on_this_machine, progress
+from physics.accuracy.between import solve_chosen
+from physics.accuracy.choose import choose
+from physics.accuracy.ladder import meshed
+from physics.accuracy.table import judge
 from physics.body.supports import held
 from physics.contact.obstacles import Rigid
 from physics.equilibrium.balance import cell_size
@@ -42,7 +50,7 @@ from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.modes.elastic import elastic_modes
 from physics.motion.inertia import inertia
-from physics.scene import PLANE_CELLS, Body, FlowScene, Material, Scene, Steps, scene_of
+from physics.scene import PLANE_CELLS, Body, FlowScene, Material, Scene, Steps
 from physics.scene.flow import FlowSteps
 from physics.schema import InputError
 from physics.solution import Solution, solve
@@ -62,9 +70,9 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
     Modes within 2 % of the first frequency belong to it, as the two bending planes of a square beam do: all are kept, four at most.
 
     When the solver stops early the trajectory holds the steps before, is not `complete`, and `extra` says why under
-    "failure". `extra` also holds what was modelled, the seconds it took and the number of factorisations. `on_step` is
-    called with the number of each step that is reached; with `stress` that at the nodes is kept (files/fields.py); without
-    `snaps` the solver stops where the body snaps.
+    "failure". `extra` also holds what was modelled, the seconds it took, the number of factorisations, and under "accuracy" what was
+    chosen where the scene asks for an error. `on_step` is called with the number of each step that is reached; with `stress` that at
+    the nodes is kept (files/fields.py); without `snaps` the solver stops where the body snaps.
 
     Raises:
         InputError: the scene has no solution to look for
@@ -72,6 +80,11 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
     """
     if isinstance(scene, FlowScene):
         return flow_trajectory(scene, solve_flow(scene, on_step=on_step, partial=True), seed=seed, index=index)
+    accuracy: dict[str, Any] = {}
+    if solution is None and scene.steps.error is not None:
+        choice = choose(scene)
+        scene, solution = choice.scene, solve_chosen(choice, on_step=on_step, partial=True, balanced=True, snaps=snaps)
+        accuracy = {} if solution.failure else {"accuracy": judge(choice, solution).table()}
     solution = solution or solve(scene, on_step=on_step, partial=True, snaps=snaps)
     mesh = solution.mesh
     fixed = held(scene, mesh)
@@ -94,7 +107,7 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
     shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
     moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
     extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "seconds": solution.seconds,
-             "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure}
+             "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure} | accuracy
     if from_file:
         extra["mesh_file"] = mesh_file(scene)
     if scene.steps.dynamic and scene.steps.duration is not None:
@@ -153,7 +166,8 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         stress: keep stress at the nodes in the files, too (files/fields.py)
 
     Returns:
-        the numbers of trajectories asked for, of new ones, of failed attempts at them, and the seconds it took
+        the numbers of trajectories asked for, of new ones, of failed attempts at them, and the seconds it took; where the family asks
+        for an error also how many are there without the promise of it
 
     Raises:
         InputError: the family, the folder or a number is wrong; nothing was computed
@@ -194,8 +208,10 @@ def generate(family: Family, splits: dict[str, int], out: str | Path, *, seed: i
         dataset.write_manifest(out, manifest)
     if failures:
         raise RuntimeError(f"{len(failures)} of {len(jobs)} trajectories could not be made, the first: {failures[0]}")
+    made = [entry for entry in entries.values() if entry]
+    asked = [not entry.promised for entry in made if entry.promised is not None]
     return {"trajectories": len(jobs), "new": len(missing), "seconds": time.perf_counter() - started,
-            "failed_attempts": sum(len(entry.failed_attempts) for entry in entries.values() if entry)}
+            "failed_attempts": sum(len(entry.failed_attempts) for entry in made)} | ({"not_promised": sum(asked)} if asked else {})
 
 
 def _open(out: Path, family: Family, seed: int) -> dataset.Manifest:
@@ -260,7 +276,7 @@ def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
     except InputError:
         return None
     scene = draw(job.family, job.seed, job.index, len(found.extra.get("failed_attempts", ())))
-    if (found.seed, found.index) != (job.seed, job.index) or problems(found) or unfit(found) or not _of(scene, found):
+    if (found.seed, found.index) != (job.seed, job.index) or problems(found) or unfit(found) or not answers(scene, found):
         return None
     if job.stress and "stress" not in found.fields:
         return None
@@ -268,26 +284,15 @@ def _made(job: Job, known: dict[str, str]) -> dataset.Entry | None:
     return entry if known.get(job.file, entry.sha256) == entry.sha256 else None
 
 
-def _of(scene: Any, found: Trajectory) -> bool:
-    """Whether a trajectory is of this very scene; a mesh file may go by another path if it is the same file."""
-    if scene.body.shape != "file":
-        return found.scene == scene.to_toml()
-    try:
-        there = scene_of(found.scene)
-    except InputError:
-        return False
-    same = dataclasses.replace(there, body=dataclasses.replace(there.body, path=scene.body.path)) == scene
-    return same and found.places is not None and found.extra.get("mesh_file", {}).get("sha256") == mesh_file(scene)["sha256"]
-
-
 def compile_forms(scenes: list[Any]) -> None:
     """Compile what the workers will need, before they start: at once they would race for the cache on disk."""
     for flow in {scene.order: scene for scene in scenes if isinstance(scene, FlowScene)}.values():
         solve_flow(dataclasses.replace(flow, steps=FlowSteps(count=1, duration=1e-3)))
-    solids = [scene for scene in scenes if isinstance(scene, Scene)]
+    solids = [own for scene in scenes if isinstance(scene, Scene) for own in meshed(scene)]
     cell_of = {body: build_mesh(body).cell if body.shape == "file" else body.cell for body in {scene.body for scene in solids}}
-    for cell, plane, law in {(cell_of[scene.body], scene.body.plane, own.law): None for scene in solids for own in scene.materials}:
-        body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=cell)
+    for cell, plane, order, element, law in {(cell_of[body], body.plane, body.order, body.element, material.law): None
+                                             for scene in solids for body in [scene.body] for material in scene.materials}:
+        body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=CELLS[cell].first or cell, order=order, element=element)
         if cell in PLANE_CELLS:
             body = Body(shape="plate", length=1.0, width=1.0, cells=(1, 1), cell=cell, plane=plane)
         scene = Scene(body=body, material=Material(law=law, young_modulus=1.0, poisson_ratio=0.3), steps=Steps(count=1))

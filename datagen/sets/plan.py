@@ -69,13 +69,15 @@ def figures(scene: Any) -> dict[str, Any]:
         mesh = stored(scene, space).mesh
         return {"nodes": len(mesh.points), "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
                 "steps": scene.steps.count, "reynolds_number": scene.reynolds_number or 0.0}
+    held = {"obstacle": scene.pressed_by, "support": " and ".join(str(support.where) for support in scene.support) or "none"}
+    if scene.steps.error is not None:  # its mesh is chosen when it is solved
+        return {"steps": scene.steps.count, "error": scene.steps.error, **held}
     mesh = build_mesh(scene.body)
     around = [Rigid(obstacle).surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2) for obstacle in scene.obstacles]
     nodes = len(mesh.points) + sum(len(points) for points, _ in around)
     length, width = np.ptp(mesh.points[:, :2], axis=0)
     return {"nodes": nodes, "cells": len(mesh.cells), "graph_diameter": graph_diameter(mesh.edges, len(mesh.points)),
-            "steps": scene.steps.count, "xy_extent": float(length * width), "obstacle": scene.pressed_by,
-            "support": " and ".join(str(support.where) for support in scene.support) or "none"}
+            "steps": scene.steps.count, "xy_extent": float(length * width), **held}
 
 
 def spread(values: ArrayLike) -> dict[str, float]:

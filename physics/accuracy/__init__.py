@@ -4,7 +4,8 @@
     ladder    the meshes that a body may have, from coarse to fine along each direction
     pilot     a scene solved at a few poses on one of them, as values at fixed points
     climb     from the coarsest mesh of one order up to the one that keeps the error
-    choose    the cheapest of them that keeps the error, and the whole scene on it
+    choose    the cheapest of them that keeps the error
+    between   all steps on it, of smooth paths few of them solved
     frequency the same for the modes of a body
     table     what was chosen and what each choice makes of the error, in rows
 """

@@ -145,12 +145,15 @@ class Climb:
             return
         self.ladder.append((self.sizes, self.error))
         self.reached = self.error <= self.target * (ALONE_ENOUGH if len(self.ladder) == 1 else 1)
-        self.ended = self.reached or self._irregular >= PATIENCE
+        self.ended = self.ended or self.reached or self._irregular >= PATIENCE
         if self.reached:
             self._settle()
 
     def _begin(self) -> None:
-        """Solve the coarsest mesh that can hold the scene: its obstacle and its places by coordinates may be too small for coarser ones."""
+        """Solve the coarsest mesh that can hold the scene: its obstacle and its places by coordinates may be too small for coarser ones.
+
+        Where another order of cells has an equilibrium and this one has none, nothing finer is tried.
+        """
         refused: NoEquilibrium | InputError | None = None
         for _ in range(1 + COARSEST):
             try:
@@ -158,13 +161,18 @@ class Climb:
                 break
             except (InputError, NoEquilibrium) as error:
                 refused = refused or error
+                if isinstance(error, NoEquilibrium) and (self.pilots.solved(1) or self.pilots.solved(2)):
+                    raise
                 for axis in range(len(self.sizes)):
                     self.sizes = self.family.after(self.sizes, axis)
         else:
             assert refused is not None
             raise refused
         self._fine = [1.0]
-        self.error, self.how, self.order = self._look(), "assumed", FIRST[self.pilots.quantity]
+        try:
+            self.error, self.how, self.order = self._look(), "assumed", FIRST[self.pilots.quantity]
+        except NoEquilibrium as error:  # beside a mesh that has one: its error stays unknown
+            self.shares, self.ended, self.why = [1.0] * len(self.sizes), True, error
 
     def _look(self) -> float:
         """Refine each direction alone: the shares, and what they add up to with the order of two meshes."""
@@ -188,7 +196,13 @@ class Climb:
                 return False
             need = max(need / SHORTER, NEAREST)
         quantity, highest = self.pilots.quantity, self.family.highest
-        before, after = self.pilot, self.pilots(self.family, there)
+        before = self.pilot
+        try:
+            after = self.pilots(self.family, there)
+        except NoEquilibrium:  # too far from what the mesh before found
+            if need <= NEAREST:
+                raise
+            after = self.pilots(self.family, there := self._towards(max(need**0.5, NEAREST)))
         usual, was = USUAL[self.family.order], sum(self.shares)
         self.shares = [share * (n / m) ** usual for share, n, m in zip(self.shares, self.sizes, there, strict=True)]
         self.sizes = there

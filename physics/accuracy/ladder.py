@@ -137,6 +137,11 @@ def families(scene: Scene) -> list[MeshFamily]:
     return [MeshFamily(scene, order, base(least), ("x", "y", "z")) for order, least in ((2, 1), (1, 2))]
 
 
+def meshed(scene: Scene) -> list[Scene]:
+    """The scene, or where it asks for an error the coarsest of each kind of mesh that it may get."""
+    return [scene] if scene.steps.error is None else [family.rung(family.base)[0] for family in families(scene)]
+
+
 def points_of(family: MeshFamily) -> tuple[Floats, Floats]:
     """Points (M, 3) at which solutions are compared, and their shares (M,) of the volume."""
     body = family.body

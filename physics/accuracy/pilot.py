@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from physics.accuracy.ladder import MeshFamily, Sizes, points_of
 from physics.body.stress import nodal_stress, recovery, von_mises_of
 from physics.equilibrium.path import LoadPath
-from physics.equilibrium.state import NoEquilibrium, State
+from physics.equilibrium.state import HALVINGS, NoEquilibrium, State
 from physics.mesh.mesh import Mesh
 from physics.mesh.transfer import CANDIDATES, interpolate
 from physics.scene import Scene
@@ -35,6 +35,7 @@ POSES = 4  # and two for each leg of a path or row of a table
 HALF = 0.6  # of the last displacement: the other pose on a path that goes one way
 EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "triangle": 6}  # cells of even boxes among which one holds a point
 FEW = 4  # nearest cells among which one mostly holds a point
+HALVED = 3  # times the way between two poses under an obstacle may be, where another mesh's answer leads nowhere
 POWER, IDLE = 1.3, 300  # a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows
 SECOND = 1.7  # times as much with cells of second order
 
@@ -132,7 +133,8 @@ class Pilots:
 
         Raises `NoEquilibrium` when a pose is found neither way.
         """
-        path = LoadPath(scene, mesh, tolerance=tolerance, small_strain=self.small_strain)
+        contact = bool(scene.obstacles)
+        path = LoadPath(scene, mesh, tolerance=tolerance, small_strain=self.small_strain, snaps=not contact)
         if path.linear is None:
             self.small_strain = 0.0
         states, linear = [], []
@@ -148,7 +150,7 @@ class Pilots:
                 except NoEquilibrium:
                     path.newton.outdate()
             if path.states[-1].fraction < fraction:
-                path.advance(fraction)
+                path.advance(fraction, HALVINGS - HALVED if contact else 0)
             states.append(path.states[-1])
             linear.append(path.linear is not None)
         u, reaction = np.array([state.u for state in states]), np.array([state.reaction for state in states])

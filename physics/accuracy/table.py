@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from physics.accuracy.between import missed
 from physics.accuracy.choose import MOST_NODES, Choice
 from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
@@ -46,13 +47,14 @@ class Verdict:
 
     def not_kept(self) -> str:
         """Why the error asked is not promised."""
-        return (f"the error asked, {self.asked:.3g}, is not promised: {self.estimated:.2g} is estimated on the best mesh tried, of at "
-                f"most {MOST_NODES} nodes")
+        return (f"the error asked, {self.asked:.3g}, is not promised: {self._said()} on the best mesh tried, of at most {MOST_NODES} nodes")
+
+    def _said(self) -> str:
+        return f"{self.estimated:.2g} is estimated" if math.isfinite(self.estimated) else "nothing is known of it"
 
     def lines(self) -> list[str]:
         """For a reader."""
-        said = (f"error of the {self.quantity}: {self.asked:.3g} asked, {self.estimated:.2g} estimated, "
-                f"{'kept' if self.reached else 'NOT kept'}")
+        said = f"error of the {self.quantity}: {self.asked:.3g} asked, {self._said()}, {'kept' if self.reached else 'NOT kept'}"
         cells = [HEADS, *((row["choice"], row["taken"], *(_number(row[head]) for head in HEADS[2:])) for row in self.rows)]
         wide = [max(len(row[i]) for row in cells) for i in range(len(HEADS))]
         lines = ["  ".join(entry.ljust(n) if i < 2 else entry.rjust(n) for i, (entry, n) in enumerate(zip(row, wide, strict=True))).rstrip()
@@ -75,9 +77,12 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     add("kinematics", "the linear law, as asked" if choice.scene.linear else
         f"small strain in {solution.linear_steps} of {frames} steps" if solution.linear_steps else "finite strain", linear)
     add("tolerance", f"{choice.tolerance:.0e} of the reaction", choice.loose)
-    add("steps", f"all {frames} are solved; the end, against the pilot's", path)
+    curves = missed(choice, solution, solution.every) if solution.every > 1 else 0.0
+    add("steps", f"{frames // solution.every} of {frames} are solved, those between lie on cubic splines" if curves else
+        f"all {frames} are solved", curves)
+    add("the path", "its end, against the pilot's", path)
     add("poses between", said, between)
-    estimated = climb.error + linear + choice.loose + path + between
+    estimated = climb.error + linear + choice.loose + curves + path + between
     reached = bool(climb.reached and estimated <= choice.asked)
     ratio = solution.seconds / choice.pilot.seconds
     add("the whole scene", f"{family.said(climb.sizes)}; {climb.said}", estimated, solution.seconds)

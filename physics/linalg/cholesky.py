@@ -73,9 +73,8 @@ def _graph(elasticity: Stiffness) -> scipy.sparse.csr_matrix:
         touches = scipy.sparse.csr_matrix((np.ones(cells.size), cells.ravel(), cells.shape[1] * np.arange(len(cells) + 1)),
                                           shape=(len(cells), len(mesh.points)))
         return (touches.T @ touches).tocsr()
-    ends = mesh.edges.T
-    graph = scipy.sparse.csr_matrix((np.ones(len(mesh.edges)), (ends[0], ends[1])), shape=(len(mesh.points),) * 2)
-    return graph + graph.T
+    ends = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
+    return scipy.sparse.csr_matrix((np.ones(2 * len(mesh.edges)), (ends[0], ends[1])), shape=(len(mesh.points),) * 2)
 
 
 class _Cholesky:

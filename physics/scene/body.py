@@ -110,7 +110,7 @@ class Body:
         if self.cells is not None:
             return self.cells
         if self.cell_size is None:
-            raise InputError("body: neither cells nor cell_size; steps.error, which chooses them, is for simulate and modes alone")
+            raise InputError("body: neither cells nor cell_size; steps.error, which chooses them, is for simulate, generate and modes")
         if self.layers is not None:
             return (*(max(1, round(side / self.cell_size)) for side in self.extent[:2]), self.layers)
         return tuple(max(1, round(side / self.cell_size)) for side in self.extent if side)
