@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from datagen.sets import generate
+from datagen.files.solved import answers
 from datagen.sets.generate import trajectory_of
 from physics.mesh.files import write_mesh
 from physics.mesh.shapes.boxes import box
@@ -32,14 +32,14 @@ def by(scene, path):
 def test_the_same_mesh_under_another_name_is_the_same_body(made):
     folder, scene, found = made
     shutil.copy(folder / "box.vtu", folder / "copy.vtu")
-    assert generate._of(scene, found) and generate._of(by(scene, folder / "copy.vtu"), found)
+    assert answers(scene, found) and answers(by(scene, folder / "copy.vtu"), found)
 
 
 def test_another_mesh_another_scene_and_a_file_that_tells_nothing_of_it_are_not(made):
     folder, scene, found = made
     write_mesh(folder / "other.vtu", box(Body(**SIDES | {"height": 0.0101}, cells=(3, 1, 1), cell="tetrahedron")), {})
-    assert not generate._of(by(scene, folder / "other.vtu"), found)
-    assert not generate._of(dataclasses.replace(scene, steps=Steps(count=3)), found)
-    assert not generate._of(scene, dataclasses.replace(found, places=None))
-    assert not generate._of(scene, dataclasses.replace(found, extra={}))
-    assert not generate._of(scene, dataclasses.replace(found, scene="no scene at all"))
+    assert not answers(by(scene, folder / "other.vtu"), found)
+    assert not answers(dataclasses.replace(scene, steps=Steps(count=3)), found)
+    assert not answers(scene, dataclasses.replace(found, places=None))
+    assert not answers(scene, dataclasses.replace(found, extra={}))
+    assert not answers(scene, dataclasses.replace(found, scene="no scene at all"))
