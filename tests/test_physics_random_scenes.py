@@ -46,6 +46,8 @@ def draw(seed):
 
 # In 12 steps plain Newton leaves the path of equilibria of scene 9 for another one; in 48 it does not.
 FINER = {9: 48}
+# At the first step of scene 34 the capsule barely touches: on some processors rounding leaves plain Newton more than 1e-8 of that force.
+ROUGHER = {34: 3e-8}
 # Plain Newton ends where a sphere has pressed a body to half of its volume (11) and where one slips off a capsule (39).
 MOVED = (11, 39)
 # What has no answer: 0 and 26, of the law of Saint-Venant and Kirchhoff, and 7, whose sphere could pass between the nodes.
@@ -57,7 +59,7 @@ SEEDS = sorted(set(range(40)) - {0, 7, 26, *MOVED})
 def test_random_scene(seed):
     scene = draw(seed)
     ours, finer = solve(scene), replace(scene, steps=Steps(count=FINER.get(seed, 12)))
-    agree(scene, ours, plain_newton.solve(finer, tolerance=1e-8)[-1])
+    agree(scene, ours, plain_newton.solve(finer, tolerance=ROUGHER.get(seed, 1e-8))[-1])
 
 
 @pytest.mark.slow
