@@ -74,7 +74,7 @@ def carried_out(job: Training) -> None:
     valid = files(job.data, "valid") if (job.data / "valid").is_dir() else []
     if not (job.folder / "trained.json").exists():
         found = train(job.config, files(job.data, "train"), valid, job.folder / "run", resume=True, device=job.device)
-        found = spent(found)
+        found = {key: value for key, value in spent(found).items() if key != "run"}
         found |= {"memory": step_memory(job), "step_ms": step_ms(job.curve(), found)}
         write_json(job.folder / "trained.json", found)
     for test, folder in job.tests:
