@@ -1,5 +1,6 @@
 """Some columns of a study's table, from a folder that `fidelity study` has filled, whole or not; nothing is trained.
 
+    .venv/bin/python -m benchmarks.study main assets/study-main
     .venv/bin/python -m benchmarks.study main FOLDER
     .venv/bin/python -m benchmarks.study main FOLDER --size check --columns rmse_1 rmse_all
     .venv/bin/python -m benchmarks.study main FOLDER --words        which rows the spread can tell apart
