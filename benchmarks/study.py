@@ -1,7 +1,6 @@
 """Some columns of a study's table, from a folder that `fidelity study` has filled, whole or not; nothing is trained.
 
     .venv/bin/python -m benchmarks.study main assets/study-main
-    .venv/bin/python -m benchmarks.study main FOLDER
     .venv/bin/python -m benchmarks.study main FOLDER --size check --columns rmse_1 rmse_all
     .venv/bin/python -m benchmarks.study main FOLDER --words        which rows the spread can tell apart
 
@@ -32,15 +31,13 @@ def main() -> None:
     if options.words:
         print(*(f"- {line}" for test in result.plan.tests for line in result.apart(test.name)), sep="\n")
         return
-    table = footing.Table()
+    table, heads = footing.Table(), dict(zip(result.columns, result.heads()[1:], strict=True))
     for test in result.plan.tests:
         still = result.cells[STILL][test.name][FIGURE].mean
         for name, cells in result.cells.items():
             known, row = cells[test.name], {"": name} | ({"on": test.name} if len(result.plan.tests) > 1 else {})
             for key in options.columns:
-                column = result.columns[key]
-                head = f"{column.head} [{column.unit}]" if column.unit else column.head
-                row[head] = told(known[key], column) if key in known else "–"
+                row[heads[key]] = told(known[key], result.columns[key]) if key in known else "–"
             share = known[FIGURE].mean / still
             table.add(row | {"of nothing moves": "–" if math.isnan(share) else f"{share:.1%}", "seeds": known[FIGURE].count})
 
