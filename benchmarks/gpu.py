@@ -14,8 +14,9 @@ The predictions of both places shall differ by less than 1e-4 of the step: large
 predicted, over free nodes and components, in float32. Else the exit status is 1.
 
 Times are by the clock on the wall, medians of laps after one that does not count, read when the device has done all that it was
-given. A training step (forward, backward, Adam) has its batch in memory, from which it is joined and copied; a prediction its graphs on
-the device; what a graph costs before that, on one core, stands beside. Memory is the largest that torch held on a GPU during training
+given. A training step (forward, backward, Adam) has its batch in memory, from which it is copied; a prediction its graphs on the device;
+what a graph costs before that, on one core, stands beside. Where a GPU replays a network (devices.Replays), the same step without that
+stands beside, kernel by kernel. Memory is the largest that torch held on a GPU during training
 steps, weights included. OUT/gpu.json is written after every part, OUT/gpu.md is its table, OUT/run the trained network.
 """
 
@@ -39,16 +40,18 @@ from benchmarks.rivals import SMALL
 from datagen.files.trajectory import write_trajectory
 from datagen.sets.pack import decode
 from learning.config import TrainConfig
-from learning.devices import device_of
+from learning.devices import Replays, device_of
+from learning.graphs.alike import alike
 from learning.graphs.graph import Graph, join
-from learning.networks.blocks import PRECISIONS, products
+from learning.networks.blocks import PRECISIONS, products, told_by_sizes
 from learning.networks.kinds import CONFIGS
 from learning.prediction.checkpoint import Model, load_model
 from learning.prediction.rollout import rollout_error
 from learning.processes import Processes
+from learning.samples.batches import batch_of
 from learning.samples.samples import Example, build_example, load_examples, sample
 from learning.training.run import set_up
-from learning.training.train import take_step, train
+from learning.training.train import descend, take_step, train
 from physics.keys import table
 from physics.schema import InputError
 from physics.whole import write_whole
@@ -142,48 +145,48 @@ def apart(here: torch.Tensor, there: torch.Tensor, free: torch.Tensor) -> float:
     return found if np.isfinite(found) else float("inf")
 
 
-def said(model: Model, graph: Graph) -> torch.Tensor:
-    """(N, D) a network's prediction [m], on its device; the graph is on it, or is copied."""
-    with torch.inference_mode(), products(model.config.network):
-        return model.normaliser.values(model.network(model.normaliser.graph(graph.to(model.normaliser.velocity.device))))
-
-
 def compared(run: Path, example: Example, graph: Graph, device: torch.device) -> float:
     """By how much the predictions of one checkpoint differ from the processor to the device."""
     here, there = (load_model(run, word) for word in ("cpu", str(device)))
     assert isinstance(here, Model) and isinstance(there, Model)
-    return apart(said(here, graph), said(there, graph), torch.from_numpy(example.skeleton.free).repeat(graph.count))
+    return apart(here.said(graph), there.said(graph), torch.from_numpy(example.skeleton.free).repeat(graph.count))
 
 
 def row_of(config: TrainConfig, file: Path, out: Path, device: torch.device, seconds: float) -> dict[str, Any]:
     """One kind of network: whether both places agree, and its times; None where there was none left."""
-    end = time.perf_counter() + seconds
+    end, cuda = time.perf_counter() + seconds, device.type == "cuda"
     (example,) = load_examples([file], config)
     run = set_up(config, [example], out, resume=False, device=device)
     run.keep("model")
     frames, model = np.resize(example.targets - 1, max(BATCHES)).tolist(), run.model
+    replayable = cuda and told_by_sizes(model.network)
     start = time.perf_counter()
-    samples = [(*sample(example, frame, config, run.generator), example.asked) for frame in frames]
+    dice = torch.Generator().manual_seed(config.seed)
+    samples = [(*sample(example, frame, config, dice), example.asked) for frame in frames]
     row: dict[str, Any] = {
         "network": type(model.network).title, "precision": config.network.precision,  # type: ignore[attr-defined]
         "weights": sum(weight.numel() for weight in model.network.parameters()), "nodes": len(example.skeleton.free),
         "edges": example.skeleton.pair.shape[1], "graph [ms]": 1e3 * (time.perf_counter() - start) / len(frames),
         "apart": compared(out, example, join([graph for graph, _, _ in samples[-2:]]), device)}
 
-    def learnt(size: int) -> float:
-        step = partial(take_step, model.network, run.optimizer, model.normaliser, config, samples[:size], Processes())
+    def learnt(size: int, *, replayed: bool) -> float:
+        batch = batch_of(samples[:size], fill=replayed)
+        batch = batch.pin_memory() if cuda else batch
+        replays = Replays(partial(descend, model.network, run.optimizer, model.normaliser, config), device) if replayed else None
+        step = partial(take_step, model.network, run.optimizer, model.normaliser, config, batch, Processes(), replays)
         with products(config.network):
             return 1e3 * median(step, device, (end - time.perf_counter()) / 4)
 
     def predicted(size: int) -> float:
         graph = join([graph for graph, _, _ in samples[-size:]]).to(device)
-        return 1e3 * median(partial(said, model, graph), device, (end - time.perf_counter()) / 4) / size
+        graph = alike(graph) if replayable else graph
+        return 1e3 * median(partial(model.said, graph), device, (end - time.perf_counter()) / 4) / size
 
-    cuda = device.type == "cuda"
     if cuda:
         torch.cuda.reset_peak_memory_stats(device)
-    row["step [ms]"] = held(learnt, TRAINING_BATCH, device)
+    row["step [ms]"] = held(partial(learnt, replayed=replayable), TRAINING_BATCH, device)
     row["memory [MB]"] = torch.cuda.max_memory_allocated(device) / 2**20 if cuda and isinstance(row["step [ms]"], float) else None
+    row["kernel by kernel [ms]"] = held(partial(learnt, replayed=False), TRAINING_BATCH, device) if replayable else None
     before = row["step [ms]"] / TRAINING_BATCH if isinstance(row["step [ms]"], float) else 0.0
     for size in BATCHES:
         fits = end - time.perf_counter() > 2e-3 * size * before
@@ -213,7 +216,7 @@ def trained(config: TrainConfig, files: dict[str, list[Path]], out: Path, device
     budget = left - 1.5 * beam * (1 + len(valid))  # after it: the last validation; and what both places say
     if budget < LEAST:
         raise InputError(f"{max(left, 0):.0f} s are left, of which reading, validation and the last check leave {max(budget, 0):.0f}")
-    step = times["step [ms]"] + config.batch_size * times["graph [ms]"]
+    step = times["step [ms]"] + (config.batch_size * times["graph [ms]"] if device.type == "cpu" else 0.0)  # else made meanwhile
     every = max(1, min(config.steps, int(1e3 * (budget - CHECKPOINTS * beam * len(valid)) / step)) // CHECKPOINTS)
     told = train(replace(config, budget_seconds=budget, validate_every=every), files["train"], valid, out, device=str(device))
     graph = sample(probe, int(probe.targets[-1]) - 1, replace(config, noise=0.0), torch.Generator())[0]

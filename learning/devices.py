@@ -1,13 +1,23 @@
-"""Where networks run: on the processor, or on a GPU that torch's CUDA knows."""
+"""Where networks run: on the processor, or on a GPU that torch's CUDA knows.
+
+What a network does with a graph is some thousand small kernels, and a GPU is done with each of them before Python has begun the next.
+CUDA graphs take this away: all kernels are recorded once, and then started as one. They hold the addresses of what they read and write, so
+that there is one recording for every set of sizes, with places of its own for the input (graphs/alike.py keeps the sizes few).
+
+Source: the section on CUDA graphs of torch's notes, "CUDA semantics".
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import torch
+from torch import Tensor
 
+from learning.graphs.graph import mapped
 from physics.schema import InputError
 
 
@@ -39,3 +49,51 @@ def one_core() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+class Replays:
+    """What is done with some tensors on a GPU, recorded for every set of sizes and then replayed.
+
+    The first call of a set of sizes is done as it is, which also makes ready what CUDA prepares at a first use, and then recorded.
+    """
+
+    def __init__(self, run: Callable[[Any], Tensor], device: torch.device) -> None:
+        """run: takes what consists of tensors on the device, as a batch or a graph, gives a tensor; never waits for the device."""
+        self.run, self.device, self.stream = run, device, torch.cuda.Stream(device)
+        self.recorded: dict[tuple[torch.Size, ...], tuple[torch.cuda.CUDAGraph, list[Tensor], Tensor]] = {}
+
+    def __call__(self, value: Any) -> Tensor:
+        """What `run` gives; read it before the next call.
+
+        value: on any device, in pinned memory best
+        """
+        given = _tensors(value)
+        sizes = tuple(tensor.shape for tensor in given)
+        if sizes not in self.recorded:
+            return self._first(value, sizes)
+        graph, places, told = self.recorded[sizes]
+        for place, tensor in zip(places, given, strict=True):
+            place.copy_(tensor, non_blocking=True)
+        graph.replay()
+        return told
+
+    def _first(self, value: Any, sizes: tuple[torch.Size, ...]) -> Tensor:
+        here = mapped(value, lambda tensor: tensor.to(self.device, copy=True))
+        self.stream.wait_stream(torch.cuda.current_stream(self.device))
+        with torch.cuda.stream(self.stream):
+            told = self.run(here).clone()
+        torch.cuda.current_stream(self.device).wait_stream(self.stream)
+        pool = next(iter(self.recorded.values()))[0].pool() if self.recorded else None
+        graph = torch.cuda.CUDAGraph()
+        # other threads pin memory meanwhile
+        with torch.cuda.graph(graph, pool=pool, stream=self.stream, capture_error_mode="thread_local"):
+            recorded = self.run(here)
+        self.recorded[sizes] = graph, _tensors(here), recorded
+        return told
+
+
+def _tensors(value: Any) -> list[Tensor]:
+    """All tensors of it."""
+    found: list[Tensor] = []
+    mapped(value, lambda tensor: found.append(tensor) or tensor)  # type: ignore[func-returns-value]
+    return found

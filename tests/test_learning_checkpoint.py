@@ -18,16 +18,16 @@ from physics.schema import InputError, to_table
 CONFIG = TrainConfig(segments=7, network=M4GNConfig(hidden=4, message_steps=1, transformer_layers=1, heads=2))
 
 
-def state(generator=None, config=CONFIG):
+def state(config=CONFIG):
     torch.manual_seed(3)
     optimizer = {0: {"step": torch.tensor(7.0), "exp_avg": torch.randn(2, 3)}, 12: {"exp_avg_sq": torch.randn(4)}}
     normaliser = Normaliser(node=torch.randn(2, 12), mesh_edge=torch.randn(2, 8), contact_edge=torch.randn(2, 4), velocity=torch.randn(1))
     about = {"config": to_table(config), "step": 12, "best_error": None}
-    return Checkpoint(about, M4GN(config.network).state_dict(), normaliser, optimizer, generator)
+    return Checkpoint(about, M4GN(config.network).state_dict(), normaliser, optimizer)
 
 
 def test_a_state_comes_back_number_for_number(tmp_path):
-    asked = state(torch.Generator().manual_seed(9).get_state())
+    asked = state()
     write_checkpoint(tmp_path / "last.safetensors", asked)
     found = read_checkpoint(str(tmp_path / "last.safetensors"))
     assert found.about == {"schema": 1, **asked.about}
@@ -38,7 +38,6 @@ def test_a_state_comes_back_number_for_number(tmp_path):
     assert {number: set(entry) for number, entry in found.optimizer.items()} == {0: {"step", "exp_avg"}, 12: {"exp_avg_sq"}}
     for number, entry in asked.optimizer.items():
         assert all(torch.equal(found.optimizer[number][name], value) for name, value in entry.items())
-    assert torch.equal(found.generator, asked.generator) and found.generator.dtype == torch.uint8
 
 
 def test_a_file_is_numbers_and_json_alone(tmp_path):
@@ -47,8 +46,6 @@ def test_a_file_is_numbers_and_json_alone(tmp_path):
         about, names = json.loads(file.metadata()["about"]), set(file.keys())
     assert about["schema"] == 1 and about["config"]["segments"] == 7
     assert {"weights.encode_node.first.weight", "normaliser.velocity", "optimizer.12.exp_avg_sq"} <= names
-    assert "generator" not in names
-    assert read_checkpoint(tmp_path / "model.safetensors").generator is None
 
 
 def test_the_model_of_a_run_is_its_best_network_ready_to_predict(tmp_path, monkeypatch):
@@ -57,7 +54,7 @@ def test_the_model_of_a_run_is_its_best_network_ready_to_predict(tmp_path, monke
     best = state()
     write_checkpoint(tmp_path / "model.safetensors", best)
     last = {name: value + 1 for name, value in best.weights.items()}
-    write_checkpoint(tmp_path / "last.safetensors", Checkpoint(best.about, last, best.normaliser, {}, None))
+    write_checkpoint(tmp_path / "last.safetensors", Checkpoint(best.about, last, best.normaliser, {}))
     model = load_model(tmp_path)
     assert model.config == CONFIG and model.name == str(tmp_path) and not model.network.training and calls == [1]
     assert all(torch.equal(value, best.weights[name]) for name, value in model.network.state_dict().items())

@@ -75,10 +75,10 @@ def test_a_graph_goes_over_with_all_that_it_has():
 def test_a_batch_that_does_not_fit_is_refused_with_one_that_does(fits, said, file, tmp_path, monkeypatch):
     whole = module.take_step
 
-    def step(learner, optimizer, normaliser, config, batch, group):
+    def step(learner, optimizer, normaliser, config, batch, group, replays=None):
         if len(batch) > fits:
             raise torch.OutOfMemoryError("out of memory")
-        return whole(learner, optimizer, normaliser, config, batch, group)
+        return whole(learner, optimizer, normaliser, config, batch, group, replays)
 
     monkeypatch.setattr(module, "take_step", step)
     with pytest.raises(InputError, match=f"batch_size = 8: .*{said}"):
@@ -88,7 +88,7 @@ def test_a_batch_that_does_not_fit_is_refused_with_one_that_does(fits, said, fil
 def test_what_a_batch_too_large_has_made_is_let_go_before_a_smaller_one_is_tried(file, tmp_path, monkeypatch):
     made, still_there = [], []
 
-    def step(learner, optimizer, normaliser, config, batch, group):
+    def step(learner, optimizer, normaliser, config, batch, group, replays=None):
         still_there.extend(each() is not None for each in made)
         filling = torch.zeros(3)
         made.append(weakref.ref(filling))

@@ -162,7 +162,6 @@ def test_three_steps_and_three_more_are_six_to_the_last_bit(files, run, tmp_path
     summary = train(CONFIG, files["train"], files["valid"], tmp_path, resume=True)
     assert summary["steps"] == 6 and summary["loss"] == read_checkpoint(run / "last.safetensors").about["loss"]
     whole, halves = (read_checkpoint(folder / "last.safetensors") for folder in (run, tmp_path))
-    assert whole.generator is not None and halves.generator is not None and torch.equal(whole.generator, halves.generator)
     assert all(torch.equal(value, halves.weights[name]) for name, value in whole.weights.items())
     for number, moments in whole.optimizer.items():
         assert all(torch.equal(value, halves.optimizer[number][name]) for name, value in moments.items())

@@ -15,11 +15,12 @@ from learning.config import TrainConfig
 from learning.networks.m4gn import M4GN, M4GNConfig
 from learning.prediction.checkpoint import load_model, read_checkpoint
 from learning.processes import Processes
+from learning.samples.batches import Batches, batch_of
 from learning.samples.estimate import Estimate
-from learning.samples.samples import all_frames, build_example, fit_normaliser, sample
+from learning.samples.samples import build_example, fit_normaliser, sample
 from learning.training import run as run_module
 from learning.training import train as module
-from learning.training.train import draw, learning_rate, progress, take_step, train
+from learning.training.train import learning_rate, progress, take_step, train
 from physics.schema import InputError
 from tests.synthetic import bending
 
@@ -76,7 +77,8 @@ def test_a_step_follows_the_clipped_gradient_of_the_mean_square_in_units_of_the_
     for weight in network.parameters():
         weight.grad = torch.full_like(weight, 7.0)  # of a step before: forgotten
     processes = SimpleNamespace(rank=rank, count=count, total=lambda value: 100 * value)
-    told = take_step(network, optimizer, normaliser, config, batch, processes)
+    numbers = sum(int(asked.sum()) for _, _, asked in batch)
+    told = take_step(network, optimizer, normaliser, config, batch_of(batch[rank::count], numbers=numbers), processes)
     assert told == pytest.approx(100 * float(loss.detach()), rel=1e-5)
     for old, new, value in zip(before, network.parameters(), slope, strict=True):
         # float32 sums in another order
@@ -88,14 +90,15 @@ def test_a_training_is_its_definition(files, tmp_path):
     config = replace(CONFIG, steps=4)
     cases = [build_example(bending(**scene), config) for scene in SCENES]
     torch.manual_seed(5)
-    network, generator = M4GN(config.network), torch.Generator().manual_seed(5)
+    network = M4GN(config.network)
     normaliser = fit_normaliser(cases, config)
     frames = [(which, frame) for which in range(2) for frame in range(4)]
     weights = list(network.parameters())
     first, second, losses = [0.0] * len(weights), [0.0] * len(weights), []
     for step, rate in enumerate((1e-2, 1e-2, 1e-2, 1e-3), start=1):  # the last: half way down from 1e-2 to 1e-4, in the logarithm
-        picked = [frames[i] for i in torch.randint(8, (3,), generator=generator).tolist()]
-        batch = [(*sample(cases[which], frame, config, generator), cases[which].asked) for which, frame in picked]
+        first_dice, *dice = (torch.Generator().manual_seed(int(word)) for word in np.random.SeedSequence((5, step)).generate_state(4))
+        picked = [frames[i] for i in torch.randint(8, (3,), generator=first_dice).tolist()]
+        batch = [(*sample(cases[which], frame, config, one), cases[which].asked) for (which, frame), one in zip(picked, dice, strict=True)]
         loss = loss_of(network, normaliser, batch)
         losses.append(float(loss.detach()))
         slope = gradient_of(network, loss)
@@ -113,7 +116,6 @@ def test_a_training_is_its_definition(files, tmp_path):
     # each of some 600 weights has gone up to 3e-2; where a gradient is rounding alone Adam's step has any sign, and such weights are few
     assert math.sqrt(off) < 1e-4
     assert told["loss"] == pytest.approx(np.mean(losses), rel=1e-4)
-    assert torch.equal(state.generator, generator.get_state())
     assert told["samples"] == 8 and told["steps"] == 4
     assert told["parameters"] == sum(weight.numel() for weight in weights)
 
@@ -131,29 +133,6 @@ def test_progress_is_the_further_of_steps_and_seconds():
     assert (progress(config, 10, 4.0), progress(config, 10, 8.0), progress(config, 50, 8.0)) == (0.25, 0.4, 1.25)
 
 
-def test_frames_are_drawn_evenly_or_by_their_chance(cases):
-    config, frames = replace(CONFIG, batch_size=4000, noise=0.0), all_frames(cases)
-
-    def shares(chance):
-        counts, generator = np.zeros((2, 4)), torch.Generator().manual_seed(0)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(module, "sample", lambda case, frame, config, generator, now: (case, frame))
-            for case, frame, free in draw(cases, frames, chance, config, generator):
-                counts[int(case is cases[1]), frame] += 1
-                assert len(free) == len(case.skeleton.free)
-        return counts.ravel() / 4000
-
-    # 4000 draws: a share of 1/8 scatters by 0.005, one of 1/2 by 0.008
-    np.testing.assert_allclose(shares(None), 1 / 8, atol=0.02)
-    np.testing.assert_allclose(shares(torch.tensor([0.0, 0, 1, 0, 0, 4, 0, 3])), [0, 0, 1 / 8, 0, 0, 1 / 2, 0, 3 / 8], atol=0.03)
-
-
-def test_a_drawn_sample_carries_the_mask_of_its_own_case(cases):
-    for graph, target, asked in draw(cases, all_frames(cases), None, replace(CONFIG, batch_size=8), torch.Generator().manual_seed(0)):
-        assert len(graph.node) == len(target) == len(asked)
-        assert torch.equal(asked, (graph.node[:, :1] > 0).expand(-1, 3))  # the kind of a free node
-
-
 # a training whose steps and validations are made up: only the loop itself runs
 
 class Clock:
@@ -167,7 +146,10 @@ class Clock:
         patch.setattr(module, "rollout_error", self.error)
         patch.setattr(module, "tqdm", self.bar)
 
-    def make_step(self, network, optimizer, normaliser, config, batch, group):
+    def make_step(self, network, optimizer, normaliser, config, batch, group, replays):
+        for weight in network.parameters():
+            weight.grad = torch.zeros_like(weight)
+        optimizer.step()  # which leaves Adam's state behind
         self.now += 2
         self.step += 1
         self.rates.append(optimizer.param_groups[0]["lr"])
@@ -235,7 +217,7 @@ def test_the_best_network_is_kept_and_the_last_beside_it(clock, files, tmp_path,
     about = read_checkpoint(tmp_path / "last.safetensors").about
     assert (about["step"], about["seconds"], about["best_error"], about["best_step"], about["last_error"]) == (5, 11.5, 1.5, 4, 3.0)
     assert set(about["versions"]) == {"python", "torch", "numpy", "scipy", "h5py", "safetensors", "pymetis"}
-    assert read_checkpoint(tmp_path / "model.safetensors").generator is None
+    assert not read_checkpoint(tmp_path / "model.safetensors").optimizer
 
 
 def test_without_validation_the_last_network_is_the_best(clock, files, tmp_path):
@@ -331,9 +313,12 @@ def test_a_loss_that_is_not_finite_stops_and_leaves_the_last_checkpoint(clock, f
 
 
 def test_another_process_than_the_first_leaves_nothing(clock, files, tmp_path, monkeypatch):
+    class Second(Processes):
+        first = False
+
     @contextmanager
     def second(config, device):
-        yield Processes(rank=1, count=1)
+        yield Second()
 
     monkeypatch.setattr(module, "processes", second)
     told = train(CONFIG, files, files, tmp_path)
@@ -348,7 +333,7 @@ def test_with_estimates_the_network_begins_by_saying_nothing(clock, files, tmp_p
 
     given = []
     monkeypatch.setattr("learning.samples.samples.estimate", guessed)
-    monkeypatch.setattr(module, "draw", lambda cases, frames, chance, *rest: given.append(chance) or [None] * 3)
+    monkeypatch.setattr(Batches, "__getitem__", lambda batches, number: given.append(batches.chance) or [None] * 3)
     monkeypatch.setattr(module, "take_step", lambda *rest: 1.0)
     train(replace(CONFIG, estimate=wanted, scheme="pose"), files, [], tmp_path)
     weights = read_checkpoint(tmp_path / "last.safetensors").weights
@@ -361,15 +346,16 @@ def test_with_estimates_the_network_begins_by_saying_nothing(clock, files, tmp_p
 
 def test_the_seed_of_the_network_and_of_the_draws_both_count(files, tmp_path, monkeypatch):
     def state(seed, name):
+        drawn = []
         with monkeypatch.context() as patch:
-            patch.setattr(module, "take_step", lambda *rest: 1.0)
+            patch.setattr(module, "take_step", lambda *rest: drawn.append(rest[4].target) or 1.0)
             train(replace(CONFIG, seed=seed, steps=1), files, [], tmp_path / name)
-        return read_checkpoint(tmp_path / name / "last.safetensors")
+        return read_checkpoint(tmp_path / name / "last.safetensors").weights, drawn[0]
 
-    one, again, other = state(5, "a"), state(5, "b"), state(6, "c")
-    for name, value in one.weights.items():
-        assert torch.equal(value, again.weights[name])
-        assert "norm" in name or not torch.equal(value, other.weights[name])
+    (one, drawn), (again, drawn_again), (other, drawn_other) = state(5, "a"), state(5, "b"), state(6, "c")
+    for name, value in one.items():
+        assert torch.equal(value, again[name])
+        assert "norm" in name or not torch.equal(value, other[name])
     torch.manual_seed(6)
-    assert all(torch.equal(value, other.weights[name]) for name, value in M4GN(CONFIG.network).state_dict().items())
-    assert torch.equal(one.generator, again.generator) and not torch.equal(one.generator, other.generator)
+    assert all(torch.equal(value, other[name]) for name, value in M4GN(CONFIG.network).state_dict().items())
+    assert torch.equal(drawn, drawn_again) and not torch.equal(drawn, drawn_other)

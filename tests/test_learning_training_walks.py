@@ -8,8 +8,9 @@ from datagen.files.trajectory import write_trajectory
 from learning.config import TrainConfig
 from learning.networks.rivals.gcn import GCNConfig
 from learning.prediction.checkpoint import load_model
-from learning.samples.samples import all_frames, build_example
-from learning.training.train import draw, train
+from learning.samples.batches import Batches
+from learning.samples.samples import build_example
+from learning.training.train import train
 from learning.training.walks import Walks
 from physics.schema import InputError
 from tests.five_nodes import square_flow, tiny
@@ -86,12 +87,13 @@ def test_a_batch_shows_walked_frames_and_asks_for_the_true_ones_after_them():
     config, told = walks(100, [2, 3, 4, 5, 6])
     told.motion = [9.0] * len(told.motion)
     true = told.examples[0].states
-    frames = all_frames(told.examples)[:1]  # the walk begins at frame 1
+    batches = Batches(told.examples, config, told)
+    batches.frames = batches.frames[:1]  # the walk begins at frame 1
     shown, targets = [], []
-    for _ in range(2):
-        (graph, target, _), = draw(told.examples, frames, None, config, never(), told)
-        shown.append(graph.node[4, -2:].numpy())
-        targets.append(target[4, :2].numpy())
+    for number in range(2):  # whose dice begin no walk anew
+        batch = batches[number]
+        shown.append(batch.graph.node[4, -2:].numpy())
+        targets.append(batch.target[4, :2].numpy())
     np.testing.assert_allclose(shown, [true[1, 4], true[1, 4] + [3, 6]], rtol=1e-6)
     np.testing.assert_allclose(targets, [true[2, 4] - true[1, 4], true[5, 4] - true[1, 4] - [3, 6]], rtol=1e-6)
 

@@ -8,4 +8,5 @@
     levels     coarser graphs above a mesh
     graph      nodes, mesh edges, contact edges, segments, and their features
     flow       the same of a flow
+    alike      batches of few sizes
 """

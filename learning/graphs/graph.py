@@ -28,7 +28,7 @@ Source: Pfaff et al. 2021 (arXiv:2010.03409), appendix A.1; Lei et al., M4GN, se
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -45,6 +45,7 @@ from learning.segments.clusters import ranks
 from learning.segments.edges import mesh_edges
 
 SOLID = SOLID_BODY.widths
+TABLES = ("node", "mesh_edge", "contact_edge", "place", "rank")  # of a graph, with a row each
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,7 @@ class Graph:
     segment: (N,) segment of each node, counted through the batch; without segments a graph is one
     graph_of_segment: (K,) the graph of each segment, ascending from 0
     count: B
+    most: segments that a graph has at most; 0 where they are to be counted
     scale: (2, 2 D + 2) and (2, D + 1) means and deviations by which the features of edges were scaled; None before
     shared, node_code, segment_code: as in Skeleton, counted through the batch
     """
@@ -124,6 +126,7 @@ class Graph:
     segment: torch.Tensor
     graph_of_segment: torch.Tensor
     count: int = 1
+    most: int = 0
     scale: tuple[torch.Tensor, torch.Tensor] | None = None
     levels: tuple[Coarser, ...] = ()
     shared: torch.Tensor | None = None
@@ -134,7 +137,7 @@ class Graph:
         """The same on another device, itself where it is there already."""
         if self.node.device == device:
             return self
-        return _moved(self, device)
+        return mapped(self, lambda tensor: tensor.to(device, non_blocking=True))
 
     @property
     def owner(self) -> torch.Tensor:
@@ -142,14 +145,14 @@ class Graph:
         return self.graph_of_segment[self.segment]
 
 
-def _moved(value: Any, device: torch.device) -> Any:
-    """Tensors, and what consists of them, on a device."""
+def mapped(value: Any, change: Callable[[torch.Tensor], torch.Tensor]) -> Any:
+    """What consists of tensors, with each of them changed."""
     if isinstance(value, torch.Tensor):
-        return value.to(device, non_blocking=True)
+        return change(value)
     if isinstance(value, tuple):
-        return tuple(_moved(part, device) for part in value)
+        return tuple(mapped(part, change) for part in value)
     if is_dataclass(value):
-        return replace(value, **{each.name: _moved(getattr(value, each.name), device) for each in fields(value)})  # type: ignore[type-var]
+        return replace(value, **{each.name: mapped(getattr(value, each.name), change) for each in fields(value)})  # type: ignore[type-var]
     return value
 
 
@@ -262,7 +265,7 @@ def join(graphs: Sequence[Graph]) -> Graph:
         shared=_joined([None if graph.shared is None else graph.shared + torch.tensor([[node], [segment]])
                         for graph, node, segment in zip(graphs, nodes, segments, strict=True)], dim=1),
         node_code=_joined([graph.node_code for graph in graphs]), segment_code=_joined([graph.segment_code for graph in graphs]),
-        **{name: torch.cat([getattr(graph, name) for graph in graphs]) for name in ("node", "mesh_edge", "contact_edge", "place", "rank")})
+        **{name: torch.cat([getattr(graph, name) for graph in graphs]) for name in TABLES})  # type: ignore[arg-type]
 
 
 def _levels(graphs: Sequence[Graph], finer: list[int]) -> tuple[Coarser, ...]:

@@ -42,9 +42,11 @@ class Network(nn.Module):
     """Normalised velocity of every node from a normalised graph.
 
     title: in reports
+    told_by_sizes: all that is done with a graph is told by the sizes of its tensors, so that a GPU can replay it
     """
 
     title: ClassVar[str]
+    told_by_sizes: ClassVar[bool] = False
 
     def __init__(self, config: Precise) -> None:
         super().__init__()
@@ -63,6 +65,11 @@ class Network(nn.Module):
     def last(self) -> nn.Linear:
         """The layer that the output comes from: with zeros in it the network says nothing."""
         raise NotImplementedError
+
+
+def told_by_sizes(network: nn.Module) -> bool:
+    """Whether a GPU can replay it; of one of somebody else's that is not known."""
+    return bool(getattr(network, "told_by_sizes", False))
 
 
 @contextmanager
@@ -134,19 +141,24 @@ def sum_at(index: Tensor, values: Tensor, count: int) -> Tensor:
     return torch.zeros(count, values.shape[1], device=values.device).index_add(0, index, values.float())
 
 
+def number_at(index: Tensor, count: int) -> Tensor:
+    """(count,) how often each number is in index (M,); as bincount, which waits for a GPU to know the largest."""
+    return torch.zeros(count, dtype=index.dtype, device=index.device).index_add(0, index, torch.ones_like(index))
+
+
 class Padding:
     """Rows of a table side by side with those of the same owner, padded to the most that any has.
 
     present: (B, S) False on padding
     """
 
-    def __init__(self, owner: Tensor, owners: int) -> None:
-        """owner: (M,) from 0 to B - 1; rows of one owner keep their order."""
-        count = torch.bincount(owner, minlength=owners)
+    def __init__(self, owner: Tensor, owners: int, most: int = 0) -> None:
+        """owner: (M,) from 0 to B - 1; rows of one owner keep their order. most: what no owner has more of; by default counted."""
+        count = number_at(owner, owners)
         order = owner.argsort(stable=True)
         self._owner, self._slot = owner, torch.empty_like(owner)
         self._slot[order] = torch.arange(len(owner), device=owner.device) - (count.cumsum(0) - count)[owner[order]]
-        self.present = torch.arange(int(count.max()), device=owner.device) < count[:, None]
+        self.present = torch.arange(most or int(count.max()), device=owner.device) < count[:, None]
         self.count = count
 
     def padded(self, x: Tensor) -> Tensor:

@@ -30,7 +30,7 @@ from torch.nn.functional import scaled_dot_product_attention
 
 from learning.graphs.graph import SOLID, Graph
 from learning.graphs.wants import Wants, Widths
-from learning.networks.blocks import MLP, PRECISIONS, MessagePassing, Network, Padding, sum_at
+from learning.networks.blocks import MLP, PRECISIONS, MessagePassing, Network, Padding, number_at, sum_at
 from physics.schema import InputError, quantity
 
 
@@ -67,6 +67,7 @@ class M4GN(Network):
     """The network of the module's equations."""
 
     title = "M4GN"
+    told_by_sizes = True
 
     def __init__(self, config: M4GNConfig, widths: Widths = SOLID) -> None:
         if config.hidden % config.heads:
@@ -95,7 +96,7 @@ class M4GN(Network):
         s = self.encode_segment(mean_of_segments(h, graph.segment, len(graph.graph_of_segment), graph.shared))  # (K, H)
         if graph.segment_code is not None:
             s = s + self.place_segment(graph.segment_code)
-        rows = Padding(graph.graph_of_segment, graph.count)
+        rows = Padding(graph.graph_of_segment, graph.count, graph.most)
         padded = rows.padded(s)  # (B, S, H)
         for block in self.transform:
             padded = block(padded, rows.present)
@@ -108,10 +109,10 @@ class M4GN(Network):
 
 def mean_of_segments(h: Tensor, segment: Tensor, count: int, shared: Tensor | None = None) -> Tensor:
     """(K, H) means of the nodes of each segment; shared: (2, M) nodes and further segments of theirs."""
-    sums, number = sum_at(segment, h, count), torch.bincount(segment, minlength=count)
+    sums, number = sum_at(segment, h, count), number_at(segment, count)
     if shared is not None:
         sums = sums + sum_at(shared[1], h.index_select(0, shared[0]), count)
-        number = number + torch.bincount(shared[1], minlength=count)
+        number = number + number_at(shared[1], count)
     return sums / number[:, None]
 
 
@@ -120,7 +121,7 @@ def mean_of_own(s: Tensor, segment: Tensor, shared: Tensor | None = None) -> Ten
     own = s.index_select(0, segment)
     if shared is None:
         return own
-    number = 1 + torch.bincount(shared[0], minlength=len(segment))
+    number = 1 + number_at(shared[0], len(segment))
     return (own + sum_at(shared[0], s.index_select(0, shared[1]), len(own))) / number[:, None]
 
 

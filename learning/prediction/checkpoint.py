@@ -2,7 +2,7 @@
 
     RUN/config.toml          the resolved config, for the reader
     RUN/model.safetensors    the best network so far: weights, normaliser
-    RUN/last.safetensors     the newest state: weights, normaliser, Adam's moments, state of the random generator
+    RUN/last.safetensors     the newest state: weights, normaliser, Adam's moments
     RUN/range.json           the ranges of the training scenes (seen.py)
     RUN/curve.jsonl          one JSON object a line: loss and learning rate, validation errors
 
@@ -15,6 +15,7 @@ renamed: a training killed at any moment leaves a whole one. No pickle: safetens
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,11 @@ from torch import Tensor
 
 from learning.bodies.at_once import AtOnce, is_at_once, load_at_once
 from learning.config import TrainConfig
-from learning.devices import device_of
+from learning.devices import Replays, device_of
+from learning.graphs.alike import alike
+from learning.graphs.graph import Graph
 from learning.graphs.layout import Layout
+from learning.networks.blocks import products, told_by_sizes
 from learning.networks.kinds import build
 from learning.networks.stored import put_into, read_stored, under, write_stored
 from learning.prediction.memory import keep_freed_memory
@@ -40,7 +44,6 @@ class Checkpoint:
     weights: the network's state dictionary
     normaliser: the scales fitted on the training split
     optimizer: parameter number -> name -> tensor; empty in model.safetensors
-    generator: state of the torch generator, uint8; None in model.safetensors
     walks: of a training from pushed frames, where its trajectories are (training/walks.py)
     """
 
@@ -48,7 +51,6 @@ class Checkpoint:
     weights: dict[str, Tensor]
     normaliser: Normaliser
     optimizer: dict[int, dict[str, Tensor]]
-    generator: Tensor | None
     walks: dict[str, Tensor] = field(default_factory=dict)
 
 
@@ -68,6 +70,26 @@ class Model:
         """The same on another device."""
         return replace(self, network=self.network.to(device), normaliser=self.normaliser.to(device))
 
+    def said(self, graph: Graph) -> Tensor:
+        """(N, O) what the network says of a graph, in units of its values, on its device; there it is replayed where that can be
+        (devices.Replays). The graph is anywhere, and may be filled up already (graphs/alike.py)."""
+        with torch.inference_mode(), products(self.config.network):
+            if self._replays is None:
+                return self._say(graph.to(self.device))
+            return self._replays(graph if graph.most else alike(graph))[:len(graph.node)]
+
+    def _say(self, graph: Graph) -> Tensor:
+        return self.normaliser.values(self.network(self.normaliser.graph(graph)))
+
+    @cached_property
+    def _replays(self) -> Replays | None:
+        return Replays(self._say, self.device) if self.device.type == "cuda" and told_by_sizes(self.network) else None
+
+    @property
+    def device(self) -> torch.device:
+        """Where it is."""
+        return self.normaliser.velocity.device
+
     @property
     def title(self) -> str:
         """In reports: the kind's, or the class's name of a network of one's own."""
@@ -80,8 +102,6 @@ def write_checkpoint(path: Path, saved: Checkpoint) -> None:
     tensors |= {f"normaliser.{name}": value for name, value in saved.normaliser.tensors().items()}
     tensors |= {f"optimizer.{i}.{name}": value for i, entry in saved.optimizer.items() for name, value in entry.items()}
     tensors |= {f"walks.{name}": value for name, value in saved.walks.items()}
-    if saved.generator is not None:
-        tensors["generator"] = saved.generator
     write_stored(path, {**saved.about, "layout": to_table(saved.normaliser.layout)}, tensors)
 
 
@@ -98,8 +118,7 @@ def read_checkpoint(path: str | Path) -> Checkpoint:
         normaliser = Normaliser(**{name: tensors[f"normaliser.{name}"] for name in scales}, layout=layout)
     except (KeyError, ValueError) as error:
         raise InputError(f"{path}: not a whole checkpoint: {str(error).splitlines()[0]}") from None
-    return Checkpoint(about, under("weights.", tensors), normaliser, optimizer, tensors.get("generator"),
-                      under("walks.", tensors))
+    return Checkpoint(about, under("weights.", tensors), normaliser, optimizer, under("walks.", tensors))
 
 
 def load_model(run: str | Path, device: str = "cpu") -> Model | AtOnce:

@@ -21,14 +21,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from datagen.files.trajectory import Trajectory
 from learning.bodies.at_once import AtOnce, path_of, rolled_out
 from learning.graphs.graph import join
 from learning.graphs.layout import SOLID_BODY, Layout
-from learning.networks.blocks import products
 from learning.prediction.checkpoint import Model
 from learning.samples.estimate import estimate
 from learning.samples.samples import Example, build_example, describe
@@ -172,9 +170,7 @@ def _predict(model: Model, example: Example, targets: list[int], now: list[NDArr
     """(frames, b, N, D + F) predicted states and further fields of some frames, each with those told with it, from
     the states one and two frames before each."""
     shown = [describe(example, target, u, v, model.config) for target, u, v in zip(targets, now, before, strict=True)]
-    with torch.inference_mode(), products(model.config.network):
-        graph = join([each.graph for each in shown]).to(model.normaliser.velocity.device)
-        said = model.normaliser.values(model.network(model.normaliser.graph(graph)))
+    said = model.said(join([each.graph for each in shown]))
     outputs = said.cpu().numpy().reshape(len(targets), -1, said.shape[1])
     space = example.layout.space
     told = np.stack([example.layout.frames_of(output) for output in outputs])

@@ -1,4 +1,4 @@
-"""A training between two of its steps: its network, Adam, its random generator, and what it knows of itself; begun, or read to go on."""
+"""A training between two of its steps: its network, Adam, and what it knows of itself; begun, or read to go on."""
 
 from __future__ import annotations
 
@@ -72,14 +72,21 @@ class Run:
     about: About
     model: Model
     optimizer: torch.optim.Optimizer
-    generator: torch.Generator
     walks: Walks | None = None  # of a training from pushed frames
+
+    def set_rate(self, rate: float) -> None:
+        """Let Adam's next step have this learning rate; a GPU that replays its steps reads it where it lies."""
+        options = self.optimizer.param_groups[0]
+        if isinstance(options["lr"], torch.Tensor):
+            options["lr"].fill_(rate)
+        else:
+            options["lr"] = rate
 
     def keep(self, name: str, *, whole: bool = False) -> None:
         """Write RUN/NAME.safetensors: what predicts; the whole: all that is needed to go on."""
-        adam, dice = (self.optimizer.state_dict()["state"], self.generator.get_state()) if whole else ({}, None)
+        adam = self.optimizer.state_dict()["state"] if whole else {}
         walks = self.walks.tensors() if whole and self.walks else {}
-        saved = Checkpoint(vars(self.about), self.model.network.state_dict(), self.model.normaliser, adam, dice, walks)
+        saved = Checkpoint(vars(self.about), self.model.network.state_dict(), self.model.normaliser, adam, walks)
         write_checkpoint(self.out / f"{name}.safetensors", saved)
 
 
@@ -93,26 +100,26 @@ def set_up(config: TrainConfig, examples: Sequence[Example], out: Path, *, resum
     about = About(to_table(config), fingerprint(examples), _versions(), made)
     torch.manual_seed(config.seed)
     network = build(config.network, examples[0].layout.widths).to(device)
-    optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
-    generator = torch.Generator().manual_seed(config.seed)
+    gpu = device.type == "cuda"
+    rate = torch.tensor(config.learning_rate, device=device) if gpu else config.learning_rate
+    optimizer = torch.optim.Adam(network.parameters(), lr=rate, fused=True, capturable=gpu)
     if not resume:
         if config.estimate:  # begin with the estimate as it is
             torch.nn.init.zeros_(network.last.weight)
             torch.nn.init.zeros_(network.last.bias)
         model = Model(config, network, fit_normaliser(examples, config).to(device), str(out))
-        return Run(out, about, model, optimizer, generator, Walks(model, examples) if config.pushed else None)
+        return Run(out, about, model, optimizer, Walks(model, examples) if config.pushed else None)
 
     path = out / "last.safetensors"
     saved = read_checkpoint(path)
-    if saved.generator is None:
+    if not saved.optimizer:
         raise InputError(f"{path} holds a network but no state of a training: it cannot be resumed")
     _check_same_run(saved.about, about, out)
     known = {known.name: saved.about[known.name] for known in fields(About) if known.name in saved.about}
     put_into(network, saved.weights, path)
     optimizer.load_state_dict({"state": saved.optimizer, "param_groups": optimizer.state_dict()["param_groups"]})
-    generator.set_state(saved.generator)
     model = Model(config, network, saved.normaliser.to(device), str(out))
-    return Run(out, About(**{**known, "config": about.config, "versions": about.versions}), model, optimizer, generator,
+    return Run(out, About(**{**known, "config": about.config, "versions": about.versions}), model, optimizer,
                Walks(model, examples, saved.walks) if config.pushed else None)
 
 

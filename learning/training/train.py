@@ -4,7 +4,7 @@
 
 with Adam. Each step draws batch_size frames, with replacement, from all training frames, some more often where estimates are
 corrected (samples.chances); noise is drawn afresh (samples/samples.py).
-Both come from one torch generator whose state travels with the checkpoint. The learning rate is kept for the first half
+Both fall as the seed and the number of the step tell (samples/batches.py). The learning rate is kept for the first half
 of the training and then falls exponentially, where "half" is told by steps / config.steps or by seconds / budget_seconds,
 whichever is further on. A resumed training equals an uninterrupted one to the last bit, unless a time budget gives the
 clock a say.
@@ -17,29 +17,28 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomli_w
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
 from learning.config import TrainConfig
-from learning.devices import device_of
-from learning.graphs.graph import Graph, join
-from learning.networks.blocks import products
+from learning.devices import Replays, device_of
+from learning.networks.blocks import products, told_by_sizes
 from learning.prediction.memory import keep_freed_memory
 from learning.prediction.rollout import rollout_error
 from learning.processes import Processes, processes
-from learning.samples.samples import Example, all_frames, chances, load_examples, sample
+from learning.samples.batches import Batch, Batches, ahead
+from learning.samples.samples import Example, all_frames, load_examples
 from learning.samples.scales import Normaliser
 from learning.samples.seen import seen, write_seen
 from learning.training.curve import Curve
 from learning.training.run import Clock, Run, set_up
-from learning.training.walks import Walks
 from physics.schema import InputError
 from physics.whole import write_whole
 
@@ -94,24 +93,26 @@ def train(config: TrainConfig, files_train: Sequence[str | Path], files_valid: S
 def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Example], last: int, group: Processes) -> None:
     """Steps until the last one or the end of the budget, and what is said and kept on the way."""
     config, about, model = run.model.config, run.about, run.model
-    frames, chance = all_frames(examples), chances(examples)
+    device, replayed = model.device, model.device.type == "cuda" and group.count == 1 and told_by_sizes(model.network)
+    batches = Batches(examples, config, run.walks, group, fill=replayed)
+    drawn = ahead(batches, about.step + 1, device)
     curve, learner = Curve(run.out if group.first else None, about.step), group.learner(model.network)
+    replays = Replays(partial(descend, learner, run.optimizer, model.normaliser, config), device) if replayed else None
     losses = about.losses
-    clock = Clock(about, group, model.normaliser.velocity.device)
+    clock = Clock(about, group, device)
     ended = about.step >= last or progress(config, about.step, about.seconds) >= 1
     with curve, tqdm(total=100, desc="train", disable=None if group.first else True, bar_format=BAR) as bar, products(config.network):
         while not ended:
             clock.read()
             rate = learning_rate(config, progress(config, about.step, about.seconds))
-            run.optimizer.param_groups[0]["lr"] = rate
-            batch = draw(examples, frames, chance, config, run.generator, run.walks)
-            loss = None
+            run.set_rate(rate)
+            batch, loss = next(drawn), None
             try:
-                loss = take_step(learner, run.optimizer, model.normaliser, config, batch, group)
+                loss = take_step(learner, run.optimizer, model.normaliser, config, batch, group, replays)
             except torch.OutOfMemoryError:
                 pass  # the error holds all that the step made, and is let go before less is tried
             if loss is None:  # by this process alone, the others may be elsewhere
-                raise InputError(_too_large(model.network, run.optimizer, model.normaliser, config, batch))
+                raise InputError(_too_large(model.network, run.optimizer, model.normaliser, config, batches))
             losses.append(loss)
             about.step += 1
             clock.read()
@@ -147,54 +148,42 @@ def progress(config: TrainConfig, step: int, seconds: float) -> float:
     return max(step / config.steps, seconds / config.budget_seconds if config.budget_seconds else 0.0)
 
 
-def draw(examples: Sequence[Example], frames: NDArray[np.int64], chance: Tensor | None, config: TrainConfig,
-         generator: torch.Generator, walks: Walks | None = None) -> list[tuple[Graph, Tensor, Tensor]]:
-    """A batch: of each sample its graph, its target (N, O) and which of these numbers are asked for.
-
-    walks: where the network has walked trajectories to, from where they are then shown
-    """
-    if chance is None:
-        picked = torch.randint(len(frames), (config.batch_size,), generator=generator)
-    else:
-        picked = torch.multinomial(chance, config.batch_size, replacement=True, generator=generator)
-    batch = []
-    for which, frame in frames[picked.numpy()].tolist():
-        at, now = (frame, None) if walks is None else walks.next(which, frame, generator)
-        batch.append((*sample(examples[which], at, config, generator, now=now), examples[which].asked))
-    return batch
+def take_step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig, batch: Batch,
+              group: Processes, replays: Replays | None = None) -> float:
+    """One step of Adam on one batch; returns its loss. replays: of `descend`, where a GPU does it."""
+    if replays:
+        return group.total(replays(batch).item())
+    here = batch.to(normaliser.velocity.device)
+    return group.total(descend(learner, optimizer, normaliser, config, here, group.count).item())
 
 
-def take_step(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
-          batch: list[tuple[Graph, Tensor, Tensor]], group: Processes) -> float:
-    """One step of Adam on one batch; returns its loss."""
-    components = sum(int(asked.sum()) for _, _, asked in batch)
-    graphs, targets, masks = zip(*batch[group.rank::group.count], strict=True)
-    device = normaliser.velocity.device
-    predicted = learner(normaliser.graph(join(graphs).to(device)))
-    errors = (predicted - normaliser.target(torch.cat(targets).to(device)))[torch.cat(masks).to(device)]
-    loss: Tensor = errors.square().sum() / components  # this process's part
+def descend(learner: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig, batch: Batch,
+            processes: int = 1) -> Tensor:
+    """The same, without waiting for the device; () the loss of this process's part of the batch."""
+    said = learner(normaliser.graph(batch.graph))
+    errors = torch.where(batch.asked, said - normaliser.target(batch.target), 0.0)
+    loss = errors.square().sum() / batch.numbers
     optimizer.zero_grad()
-    (group.count * loss).backward()  # of which the processes' mean is taken
+    (processes * loss).backward()  # of which the processes' mean is taken
     torch.nn.utils.clip_grad_norm_(learner.parameters(), config.clip_norm)
     optimizer.step()
-    return group.total(loss.item())
+    return loss.detach()
 
 
-def _too_large(network: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig,
-               batch: list[tuple[Graph, Tensor, Tensor]]) -> str:
+def _too_large(network: nn.Module, optimizer: torch.optim.Optimizer, normaliser: Normaliser, config: TrainConfig, batches: Batches) -> str:
     """What to say when the device's memory does not hold a batch: how many samples it does hold, as found by halving."""
-    size = len(batch) // 2
+    size, said = config.batch_size // 2, f"batch_size = {config.batch_size}: the memory of {normaliser.velocity.device} does not hold"
     while size:
         optimizer.zero_grad(set_to_none=True)
         if torch.cuda.is_available():
             torch.cuda.empty_cache()
         try:
-            take_step(network, optimizer, normaliser, config, batch[:size], Processes())
+            take_step(network, optimizer, normaliser, config, batches.made(0, size), Processes())
         except torch.OutOfMemoryError:
             size //= 2
         else:
-            return f"batch_size = {config.batch_size}: the memory of {normaliser.velocity.device} does not hold it; {size} fits"
-    return f"batch_size = {config.batch_size}: the memory of {normaliser.velocity.device} does not hold a single sample"
+            return f"{said} it; {size} fits"
+    return f"{said} a single sample"
 
 
 def _validate(run: Run, examples: Sequence[Example], curve: Curve) -> None:

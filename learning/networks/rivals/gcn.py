@@ -24,7 +24,7 @@ from torch import Tensor, nn
 
 from learning.graphs.graph import SOLID, Graph
 from learning.graphs.wants import Wants, Widths
-from learning.networks.blocks import MLP, PRECISIONS, Network, sum_at
+from learning.networks.blocks import MLP, PRECISIONS, Network, number_at, sum_at
 from physics.schema import quantity
 
 
@@ -50,6 +50,7 @@ class GCN(Network):
     """The network of the module's equations."""
 
     title = "GCN"
+    told_by_sizes = True
 
     def __init__(self, config: GCNConfig, widths: Widths = SOLID) -> None:
         super().__init__(config)
@@ -61,7 +62,7 @@ class GCN(Network):
     def velocity(self, graph: Graph) -> Tensor:
         h = self.encode(graph.node)  # (N, H)
         pair = torch.cat([graph.mesh_pair, graph.contact_pair], dim=1)
-        scale = (1 + torch.bincount(pair[1], minlength=len(h))).rsqrt()[:, None]  # (N, 1)
+        scale = (1 + number_at(pair[1], len(h))).rsqrt()[:, None]  # (N, 1)
         for convolution in self.process:
             h = convolution(h, pair, scale).relu()
         return self.decode(h)  # (N, D + F)

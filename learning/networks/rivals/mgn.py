@@ -56,6 +56,7 @@ class MGN(Network):
     """The network of the module's equations."""
 
     title = "MGN"
+    told_by_sizes = True
 
     def __init__(self, config: MGNConfig, widths: Widths = SOLID) -> None:
         super().__init__(config)
