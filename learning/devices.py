@@ -10,6 +10,7 @@ Source: the section on CUDA graphs of torch's notes, "CUDA semantics".
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -54,12 +55,13 @@ def one_core() -> Iterator[None]:
 class Replays:
     """What is done with some tensors on a GPU, recorded for every set of sizes and then replayed.
 
-    The first call of a set of sizes is done as it is, which also makes ready what CUDA prepares at a first use, and then recorded.
+    The first call of a set of sizes is done as it is, which also makes ready what CUDA prepares at a first use, and then recorded. Where
+    that fails, this is said once, and calls are done as they are from then on.
     """
 
     def __init__(self, run: Callable[[Any], Tensor], device: torch.device) -> None:
         """run: takes what consists of tensors on the device, as a batch or a graph, gives a tensor; never waits for the device."""
-        self.run, self.device, self.stream = run, device, torch.cuda.Stream(device)
+        self.run, self.device, self.stream, self.failed = run, device, torch.cuda.Stream(device), False
         self.recorded: dict[tuple[torch.Size, ...], tuple[torch.cuda.CUDAGraph, list[Tensor], Tensor]] = {}
 
     def __call__(self, value: Any) -> Tensor:
@@ -70,25 +72,29 @@ class Replays:
         given = _tensors(value)
         sizes = tuple(tensor.shape for tensor in given)
         if sizes not in self.recorded:
-            return self._first(value, sizes)
+            return self._first(mapped(value, lambda tensor: tensor.to(self.device, copy=True)), sizes)
         graph, places, told = self.recorded[sizes]
         for place, tensor in zip(places, given, strict=True):
             place.copy_(tensor, non_blocking=True)
         graph.replay()
         return told
 
-    def _first(self, value: Any, sizes: tuple[torch.Size, ...]) -> Tensor:
-        here = mapped(value, lambda tensor: tensor.to(self.device, copy=True))
+    def _first(self, here: Any, sizes: tuple[torch.Size, ...]) -> Tensor:
         self.stream.wait_stream(torch.cuda.current_stream(self.device))
         with torch.cuda.stream(self.stream):
             told = self.run(here).clone()
         torch.cuda.current_stream(self.device).wait_stream(self.stream)
-        pool = next(iter(self.recorded.values()))[0].pool() if self.recorded else None
-        graph = torch.cuda.CUDAGraph()
-        # other threads pin memory meanwhile
-        with torch.cuda.graph(graph, pool=pool, stream=self.stream, capture_error_mode="thread_local"):
-            recorded = self.run(here)
-        self.recorded[sizes] = graph, _tensors(here), recorded
+        if self.failed:
+            return told
+        graph, pool = torch.cuda.CUDAGraph(), next((graph.pool() for graph, _, _ in self.recorded.values()), None)
+        try:  # other threads pin memory meanwhile, which would end a recording that is not this thread's alone
+            with torch.cuda.graph(graph, pool=pool, stream=self.stream, capture_error_mode="thread_local"):
+                recorded = self.run(here)
+        except RuntimeError as error:
+            self.failed = True
+            warnings.warn(f"no CUDA graph: {str(error).splitlines()[0]}; kernels are started one by one", stacklevel=2)
+        else:
+            self.recorded[sizes] = graph, _tensors(here), recorded
         return told
 
 

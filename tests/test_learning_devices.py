@@ -1,19 +1,29 @@
 """Where networks run: what is asked for is there or refused, everything goes along, and both places say the same."""
 
+import warnings
 import weakref
+from contextlib import contextmanager, nullcontext
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 import learning.training.train as module
 from datagen.files.trajectory import write_trajectory
-from learning.devices import device_of
+from learning.devices import Replays, device_of
 from learning.graphs.graph import join
+from learning.networks.blocks import told_by_sizes
+from learning.networks.kinds import build
 from learning.prediction.checkpoint import Model, load_model, read_checkpoint
 from learning.prediction.rollout import rollout
+from learning.processes import Processes
+from learning.samples.batches import Batches
 from learning.samples.samples import build_example, fit_normaliser
-from learning.training.train import train
+from learning.training.run import set_up
+from learning.training.train import descend, take_step, train
 from physics.schema import InputError
 from tests.networks import SMALL, graph, made, training
 from tests.synthetic import bending
@@ -107,6 +117,87 @@ def test_a_run_asks_for_its_device_before_any_work(file, tmp_path):
     train(config, [file], [], tmp_path / "run", device="cpu")
     with pytest.raises(InputError, match="--device nowhere"):
         load_model(tmp_path / "run", "nowhere")
+
+
+# replayed: by CUDA graphs where a GPU is, elsewhere by stand-ins that do again what was recorded, with what then lies in the same places
+
+@pytest.fixture
+def cuda(monkeypatch):
+    class Recording:
+        replays = None
+
+        def pool(self):
+            return "pool"
+
+        def replay(self):
+            places, told = next((places, told) for graph, places, told in self.replays.recorded.values() if graph is self)
+            told.copy_(self.replays.run(tuple(places)))
+
+    pools = []
+
+    @contextmanager
+    def graph(recording, *, pool, stream, capture_error_mode):
+        assert capture_error_mode == "thread_local"
+        pools.append(pool)
+        yield
+
+    stream = SimpleNamespace(wait_stream=lambda other: None)
+    for name, value in {"Stream": lambda device: stream, "current_stream": lambda device: stream, "stream": nullcontext, "graph": graph,
+                        "CUDAGraph": Recording}.items():
+        monkeypatch.setattr(torch.cuda, name, value)
+    return SimpleNamespace(Recording=Recording, pools=pools)
+
+
+def test_what_was_recorded_is_replayed_with_what_is_given_then(cuda):
+    run, given = [], [(torch.full((count,), float(value)), torch.tensor(2.0)) for value, count in ((1, 3), (2, 3), (3, 4), (4, 3), (5, 4))]
+
+    def told(value):
+        run.append(value)
+        return value[0].sum() * value[1]
+
+    cuda.Recording.replays = replays = Replays(told, torch.device("cpu"))
+    assert [float(replays(value)) for value in given] == [6, 12, 24, 24, 40]
+    assert len(replays.recorded) == 2 and cuda.pools == [None, "pool"]
+    assert [float(value[0][0]) for value in given] == [1, 2, 3, 4, 5]  # what is given is left alone
+    first, again = run[0], run[2]
+    assert first[0].data_ptr() != given[0][0].data_ptr() and again[0].data_ptr() == first[0].data_ptr()
+
+
+def test_what_cannot_be_recorded_is_done_as_it_is_and_said_once(cuda, monkeypatch):
+    @contextmanager
+    def graph(*given, **rest):
+        yield
+        raise RuntimeError("operation not permitted when stream is capturing\nand more")
+
+    monkeypatch.setattr(torch.cuda, "graph", graph)
+    replays = Replays(lambda value: 2 * value[0], torch.device("cpu"))
+    with pytest.warns(UserWarning, match="no CUDA graph: operation not permitted when stream is capturing; kernels are started"):
+        assert float(replays((torch.tensor(3.0),))) == 6
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert float(replays((torch.tensor(4.0),))) == 8
+
+
+RECORDED = [pytest.param(kind, marks=gpu) for kind in SMALL if told_by_sizes(made(SMALL[kind]))]
+
+
+@pytest.mark.parametrize("kind", RECORDED)
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_replayed_steps_are_those_that_are_done_kernel_by_kernel(kind, precision):
+    config = training(replace(SMALL[kind], precision=precision), batch_size=2, noise=1e-4)
+    examples, ends = [build_example(bending(cells=(cells, 2, 2)), config) for cells in (4, 7)], []
+    for replayed in (False, True):
+        run = set_up(config, examples, Path(), resume=False, device=torch.device("cuda"))
+        learn = partial(descend, run.model.network, run.optimizer, run.model.normaliser, config)
+        replays, batches = Replays(learn, run.model.device) if replayed else None, Batches(examples, config, fill=True)
+        for step in range(12):
+            run.set_rate(1e-3 / (1 + step))  # which a recording has to read anew
+            take_step(run.model.network, run.optimizer, run.model.normaliser, config, batches[step % 5], Processes(), replays)
+        ends.append([weight.detach().cpu() for weight in run.model.network.parameters()])
+        assert replays is None or (1 <= len(replays.recorded) <= 4 and not replays.failed)
+    torch.manual_seed(config.seed)
+    for start, one, other in zip(build(config.network).parameters(), *ends, strict=True):
+        assert (one - other).norm() <= (1e-2 if precision == "float32" else 0.1) * (one - start).norm()  # sums in another order
 
 
 @pytest.mark.parametrize("kind", [pytest.param(kind, marks=gpu) for kind in SMALL])
