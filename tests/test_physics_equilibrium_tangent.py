@@ -134,7 +134,7 @@ def test_a_factor_is_remembered_with_the_groups_it_has_learned():
     assert [group.tolist() for group in again.solver.learned] == [[4, 2], [7], [1, 9, 3]]
     assert len(again.solver.updated) == 1 and np.array_equal(again.factored_at, FORCE)
     bare = KeptFactor(Dense(STIFFNESS))
-    bare.recall(TangentMemory(5, 3, 2, FORCE))
+    bare.recall(TangentMemory(5, 3, 2, True, FORCE))
     assert bare.solver.learned == [] and not bare.stale
     bare = KeptFactor(Dense(STIFFNESS))
     bare.recall(TangentMemory(4))

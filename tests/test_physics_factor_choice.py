@@ -136,7 +136,7 @@ def test_a_body_gets_a_band_a_dissection_or_multigrid_by_size(monkeypatch):
     monkeypatch.setattr(cholesky, "WIDEST_BAND", band - 1)
     found = solver_for(body)
     numbers = dissect(body.mesh.points, body.cells).numbers
-    assert isinstance(found, DissectionFactor) and f"{8e-9 * numbers:.2g} GB, at most 4 GB" in found.name
+    assert isinstance(found, DissectionFactor) and f"{4e-9 * numbers:.2g} GB in single precision, at most 4 GB" in found.name
     monkeypatch.setattr(cholesky, "MOST_NUMBERS", numbers)
     assert isinstance(solver_for(body), DissectionFactor)
     monkeypatch.setattr(cholesky, "MOST_NUMBERS", numbers - 1)

@@ -10,6 +10,7 @@ Legend: N nodes.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import ufl
@@ -77,7 +78,7 @@ class Elasticity:
         self._matrix = self._matrix or Matrix(self.space, self.mesh, self.fixed)
         return self._matrix.of(self, u)
 
-    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats, *, scale: float = 1.0) -> None:
+    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: NDArray[Any], *, scale: float = 1.0) -> None:
         """Add the entries of each cell's tangent stiffness to out[slot], slot (C, d (d + 1) / 2), d = 3 n, of `pairs`.
 
         scale: of the stiffness; all laws are linear in Lame's parameters

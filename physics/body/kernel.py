@@ -82,10 +82,13 @@ class Kernel:
         np.add.at(out.reshape(-1), (3 * self._late[:, None] + np.arange(3)).ravel(), found[:late].ravel())
         return out
 
-    def add_stiffness(self, u: Floats, lame: tuple[float, float], slot: NDArray[np.int32], out: Floats) -> None:
-        """Add the upper half of each cell's tangent stiffness, row by row, to out[slot], slot (C, d (d + 1) / 2)."""
+    def add_stiffness(self, u: Floats, lame: tuple[float, float], slot: NDArray[np.int32], out: NDArray[Any]) -> None:
+        """Add the upper half of each cell's tangent stiffness, row by row, to out[slot], slot (C, d (d + 1) / 2).
+
+        out: of single or double precision
+        """
         assert slot.shape[1] == 3 * self.cells.shape[1] * (3 * self.cells.shape[1] + 1) // 2
-        self._run("stiffnesses", u, lame, out, pointer(slot))
+        self._run("stiffnesses" if out.dtype == np.float64 else "stiffnesses_single", u, lame, out, pointer(slot))
 
     def _run(self, name: str, u: Floats, lame: tuple[float, float], out: Floats, *more: ctypes.c_void_p) -> Floats:
         u, constants = np.ascontiguousarray(u), self._parts * lame
@@ -155,7 +158,7 @@ def _library(law: str, nodes: int, points: int, sheet: bool) -> ctypes.CDLL:
         return PACK + "".join(_packed(*form) for form in forms.items()) + loops
 
     loaded = compiled(source, fem.FFCX_VERSION, energy.signature(), PACK, loops)
-    for name in ("forces", "stiffnesses"):
+    for name in ("forces", "stiffnesses", "stiffnesses_single"):
         getattr(loaded, name).restype = None
     return loaded
 

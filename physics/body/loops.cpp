@@ -85,8 +85,8 @@ extern "C" void forces(int64_t cells, const int32_t *nodes, const pack *table, c
     }
   }
 }
-extern "C" void stiffnesses(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
-                            double *out, const int32_t *slot) {
+template <class Real> static inline void add(int64_t cells, const int32_t *nodes, const pack *table, const double *constants,
+                                            const double *u, Real *out, const int32_t *slot) {
   OVER_CELLS
     pack K[d * d];
     for (int i = 0; i < d * d; ++i) K[i] = 0.0;
@@ -112,6 +112,14 @@ extern "C" void stiffnesses(int64_t cells, const int32_t *nodes, const pack *tab
     const int32_t *s = slot + first * (d * (d + 1) / 2);
     for (int l = 0; l < left; ++l)
       for (int i = 0; i < d; ++i)
-        for (int j = i; j < d; ++j) out[*s++] += K[d * i + j].x[l];
+        for (int j = i; j < d; ++j) out[*s++] += Real(K[d * i + j].x[l]);
   }
+}
+extern "C" void stiffnesses(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
+                            double *out, const int32_t *slot) {
+  add(cells, nodes, table, constants, u, out, slot);
+}
+extern "C" void stiffnesses_single(int64_t cells, const int32_t *nodes, const pack *table, const double *constants, const double *u,
+                                   float *out, const int32_t *slot) {
+  add(cells, nodes, table, constants, u, out, slot);
 }

@@ -12,6 +12,8 @@ Earthquake Engng Struct. Dyn. 4, 1976, 245).
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -60,7 +62,7 @@ class Lumped:
     def pairs(self, unknown: Integers) -> tuple[Integers, Integers]:
         return self.body.pairs(unknown)
 
-    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
+    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: NDArray[Any]) -> None:
         self.body.add_stiffness(u, slot, out, scale=self.scale)
         np.add.at(out, slot[:, self._diagonal], self.added * np.repeat(self.share, 3, axis=1))
 

@@ -19,6 +19,8 @@ Legend: N nodes, C cells of n nodes, F facets of k corners.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -104,7 +106,7 @@ class Pressed(Elasticity):
         assert load.pressure is not None
         return share(load, self.fraction) * load.pressure
 
-    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats, *, scale: float = 1.0) -> None:
+    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: NDArray[Any], *, scale: float = 1.0) -> None:
         super().add_stiffness(u, slot, out, scale=scale)
         self.factored = self.fraction
         for (facets, load), (cell, entry, upper) in zip(self._faces, self._places, strict=True):

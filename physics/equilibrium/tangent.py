@@ -38,6 +38,7 @@ class TangentMemory:
     made: int
     fresh: int = 2
     excess: int = 0
+    double: bool = True  # precision of its factor
     factored_at: Floats | None = None
     learned: Integers | None = None  # nodes, group after group
     learned_in: Integers | None = None  # how many in each group
@@ -178,12 +179,14 @@ class KeptFactor:
 
     def memory(self) -> TangentMemory:
         if self.stale:
-            return TangentMemory(self.made, self.fresh, self.excess)
+            return TangentMemory(self.made, self.fresh, self.excess, self._definite.double)
         groups = self.solver.learned
         learned = (np.concatenate(groups), np.array([len(nodes) for nodes in groups])) if groups else (None, None)
-        return TangentMemory(self.made, self.fresh, self.excess, self.factored_at, *learned)
+        return TangentMemory(self.made, self.fresh, self.excess, self._definite.double, self.factored_at, *learned)
 
     def recall(self, memory: TangentMemory) -> None:
+        if memory.double:
+            self._definite.widen()
         if memory.factored_at is not None:
             self.renew(memory.factored_at)
             if memory.learned is not None and memory.learned_in is not None:

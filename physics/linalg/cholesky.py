@@ -38,6 +38,7 @@ MOST_NUMBERS = 500_000_000  # in a factor: 4 GB
 WIDEST_BAND = 300  # past this nested dissection is faster: for beams of some 5 k nodes
 OPERATIONS = 30  # for each number of a factor that a Newton step has time for
 SHARED = 4_000_000  # numbers of a dissected factor from which on several threads share the work, where they are allowed: some 4 k nodes
+SOFTEST = 2 * float(np.finfo(np.float32).eps)  # stiffness of the softest motion over the largest of a component, for single precision
 TOGETHER = 2**18  # entries of a stiffness that are given their place at a time
 
 
@@ -82,6 +83,7 @@ class _Cholesky:
 
     name = ""
     negative = 0
+    double = True
 
     def __init__(self, elasticity: Stiffness, place: Integers, worth: float, components: int = 3) -> None:
         """Args: place (N,) of each node in the order of elimination; components: D, of which those beyond are held everywhere."""
@@ -107,6 +109,9 @@ class _Cholesky:
         """(..., 3) from values of the unknown components (..., D)."""
         beyond = 3 - self._components
         return np.concatenate([values, np.zeros((*values.shape[:-1], beyond))], axis=-1) if beyond else values
+
+    def widen(self) -> None:
+        """Have numbers of double precision from the next update on."""
 
     @property
     def learned(self) -> list[Integers]:
@@ -192,14 +197,18 @@ class BandFactor(_Cholesky):
 
 
 class DissectionFactor(_Cholesky):
-    """The factor of a nested dissection, assembled in place."""
+    """The multifrontal Cholesky factor of a nested dissection, assembled in place.
 
-    def __init__(self, elasticity: Stiffness, dissection: Dissection | None = None) -> None:
-        """Args: dissection of the mesh, if there is one already."""
-        dissection = dissection or dissect(elasticity.mesh.points, elasticity.cells)
-        self.name = f"sparse Cholesky by nested dissection: {8e-9 * dissection.numbers:.2g} GB, at most {8e-9 * MOST_NUMBERS:.2g} GB"
-        super().__init__(elasticity, dissection.place, dissection.operations / dissection.numbers / OPERATIONS)
-        self._panels = Panels(dissection, threads.count() if dissection.numbers >= SHARED else 1)
+    In single precision it takes half the memory and time. What it solves is then off by about the share of the stiffest motion's rounding
+    in the softest motion's stiffness, in which Newton's method, whose forces are in double precision, is not hindered. Where that share may
+    not be small, and where there is no factor, it is made anew in double precision, and stays so.
+    """
+
+    def __init__(self, elasticity: Stiffness, dissection: Dissection | None = None, *, single: bool = False) -> None:
+        """Args: dissection of the mesh, if there is one already; single: begin in single precision."""
+        self._dissection = dissection or dissect(elasticity.mesh.points, elasticity.cells)
+        numbers = self._dissection.numbers
+        super().__init__(elasticity, self._dissection.place, self._dissection.operations / numbers / OPERATIONS)
         free = np.zeros(self._unknown.size, bool)
         free[self._unknown] = ~elasticity.fixed
         rows, columns = elasticity.pairs(self._unknown)
@@ -207,9 +216,21 @@ class DissectionFactor(_Cholesky):
         many = max(1, TOGETHER // len(rows))
         for pairs in (slice(start, start + many) for start in range(0, rows.shape[1], many)):
             row, column = rows[:, pairs], columns[:, pairs]
-            self._slot[:, pairs] = np.where(free[row] & free[column], slots(dissection, row, column), dissection.numbers)
-        held = np.flatnonzero(~free)
-        self._held = slots(dissection, held, held)
+            self._slot[:, pairs] = np.where(free[row] & free[column], slots(self._dissection, row, column), numbers)
+        self._free, every = free, np.arange(len(free))
+        self._diagonal = slots(self._dissection, every, every)
+        self._make(single)
+
+    def _make(self, single: bool) -> None:
+        numbers = self._dissection.numbers
+        self.double, size = not single, 4e-9 if single else 8e-9
+        self._panels = Panels(self._dissection, threads.count() if numbers >= SHARED else 1, single=single)
+        self.name = (f"sparse Cholesky by nested dissection: {size * numbers:.2g} GB{' in single precision' if single else ''}, "
+                     f"at most {8e-9 * MOST_NUMBERS:.2g} GB")
+
+    def widen(self) -> None:
+        if not self.double:
+            self._make(single=False)
 
     def update(self, u: Floats) -> None:
         self._columns.clear()
@@ -217,19 +238,33 @@ class DissectionFactor(_Cholesky):
         values[:] = 0.0
         self.elasticity.add_stiffness(u, self._slot, values)
         values[-1] = 0.0
-        values[self._held] = 1.0
-        if not self._panels.factor():
+        stiffest = float(values[self._diagonal].max())
+        values[self._diagonal[~self._free]] = 1.0
+        made = self._panels.factor()
+        if self.double and not made:
             raise NotPositiveDefinite("the stiffness is not positive definite")
+        if not self.double and not (made and self._softest() > SOFTEST * stiffest):
+            self.widen()
+            self.update(u)
+
+    def _softest(self) -> float:
+        """The stiffness of about the softest motion [N/m], by inverse iteration."""
+        mode = np.where(self._free, np.cos(np.arange(self._free.size)), 0.0)
+        for _ in range(3):  # other motions are some times stiffer, and need not be gone
+            mode = self._backward(self._forward(mode / np.linalg.norm(mode)))
+        return 1 / float(np.linalg.norm(mode))
 
     def _forward(self, y: Floats) -> Floats:
-        self._panels.forward(y.reshape(-1, 3, 1))
-        return y
+        x = np.asarray(y, self._panels.values.dtype)
+        self._panels.forward(x.reshape(-1, 3, 1))
+        return np.asarray(x, np.float64)
 
     def _backward(self, y: Floats) -> Floats:
-        return self._panels.backward(y)
+        return np.asarray(self._panels.backward(np.asarray(y, self._panels.values.dtype)), np.float64)
 
     def _halves(self, nodes: Integers) -> tuple[Integers, Floats]:
-        return self._panels.columns(self._panels.dissection.place[nodes], ~self.elasticity.fixed[nodes])
+        rows, half = self._panels.columns(self._dissection.place[nodes], ~self.elasticity.fixed[nodes])
+        return rows, np.asarray(half, np.float64)
 
 
 @cache

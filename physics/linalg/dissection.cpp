@@ -1,4 +1,4 @@
-/* The multifrontal Cholesky factor of a dissected mesh, and its triangular solves; dissection.py says what the tables hold. */
+/* The multifrontal Cholesky factor of a dissected mesh, and its triangular solves; dissection.py says what the tables hold, and what Real is. */
 #include <algorithm>
 #include <cmath>
 #include <condition_variable>
@@ -12,36 +12,36 @@ typedef int64_t I;
 struct Part { I s, b, panel, first, boundary, child, last, made, kept; };
 /* Parts from first to last that one thread eliminates, for how many tasks it waits and which waits for it, and its operations. */
 struct Task { I first, last, waits, next, work; };
-typedef void (*Potrf)(const char *, const int *, double *, const int *, int *);
-typedef void (*Trsm)(const char *, const char *, const char *, const char *, const int *, const int *, const double *, const double *,
-                     const int *, double *, const int *);
-typedef void (*Syrk)(const char *, const char *, const int *, const int *, const double *, const double *, const int *, const double *,
-                     double *, const int *);
-typedef void (*Gemm)(const char *, const char *, const int *, const int *, const int *, const double *, const double *, const int *,
-                     const double *, const int *, const double *, double *, const int *);
-typedef void (*Trsv)(const char *, const char *, const char *, const int *, const double *, const int *, double *, const int *);
-typedef void (*Gemv)(const char *, const int *, const int *, const double *, const double *, const int *, const double *, const int *,
-                     const double *, double *, const int *);
+typedef void (*Potrf)(const char *, const int *, Real *, const int *, int *);
+typedef void (*Trsm)(const char *, const char *, const char *, const char *, const int *, const int *, const Real *, const Real *,
+                     const int *, Real *, const int *);
+typedef void (*Syrk)(const char *, const char *, const int *, const int *, const Real *, const Real *, const int *, const Real *,
+                     Real *, const int *);
+typedef void (*Gemm)(const char *, const char *, const int *, const int *, const int *, const Real *, const Real *, const int *,
+                     const Real *, const int *, const Real *, Real *, const int *);
+typedef void (*Trsv)(const char *, const char *, const char *, const int *, const Real *, const int *, Real *, const int *);
+typedef void (*Gemv)(const char *, const int *, const int *, const Real *, const Real *, const int *, const Real *, const int *,
+                     const Real *, Real *, const int *);
 /* One thread's. */
 struct Blas { Potrf potrf; Trsm trsm; Syrk syrk; Gemm gemm; Trsv trsv; Gemv gemv; };
-static const double one = 1, none = 0, minus = -1;
+static const Real one = 1, none = 0, minus = -1;
 static const int unit = 1;
 
 /* With W unknowns a node: panels (s + b, s), by columns, hold K's lower entries and become L's; false where there is no factor. */
-template <int W> static bool eliminate(I t, const Part *part, const I *children, const int32_t *place, double *panels, double *work,
+template <int W> static bool eliminate(I t, const Part *part, const I *children, const int32_t *place, Real *panels, Real *work,
                                        const Blas &blas) {
   const Part p = part[t];
   const int s = p.s, b = p.b, f = s + b;
-  double *F = panels + p.panel, *U = work + p.made;
-  memset(U, 0, sizeof(double) * b * b);
+  Real *F = panels + p.panel, *U = work + p.made;
+  memset(U, 0, sizeof(Real) * b * b);
   for (I i = p.child; i < p.last; ++i) {
     const Part c = part[children[i]];
     const int32_t *at = place + c.boundary;  /* where its boundary nodes stand in this part */
-    const double *from = work + c.kept;
+    const Real *from = work + c.kept;
     for (I j = 0; j < c.b / W; ++j)
       for (int k = 0; k < W; ++k, from += c.b) {
         const I column = W * I(at[j]) + k;
-        double *to = column < s ? F + column * f : U + (column - s) * b - s;
+        Real *to = column < s ? F + column * f : U + (column - s) * b - s;
         for (int d = k; d < W; ++d) to[W * I(at[j]) + d] += from[W * j + d];
         for (I r = j + 1; r < c.b / W; ++r)
           for (int d = 0; d < W; ++d) to[W * I(at[r]) + d] += from[W * r + d];
@@ -57,7 +57,7 @@ template <int W> static bool eliminate(I t, const Part *part, const I *children,
     blas.trsm("R", "L", "T", "N", &b, &s, &one, F, &f, F + s, &f);
     blas.syrk("L", "N", &b, &s, &minus, F + s, &f, &one, U, &b);
   }
-  if (p.kept != p.made) memmove(work + p.kept, U, sizeof(double) * b * b);
+  if (p.kept != p.made) memmove(work + p.kept, U, sizeof(Real) * b * b);
   return true;
 }
 
@@ -102,7 +102,7 @@ template <class Work> static bool share(I tasks, const Task *task, bool all, int
 
 /* Parts with 3 or 1 unknowns a node, on as many threads as there are of Blas; 1 when there is a factor. */
 extern "C" int factor(int each, I tasks, const Task *task, int threads, const Blas *blas, const Part *part, const I *children,
-                      const int32_t *place, double *panels, double *work) {
+                      const int32_t *place, Real *panels, Real *work) {
   const auto run = [&](int thread, const Task &task) {
     for (I t = task.first; t < task.last; ++t)
       if (!(each == 3 ? eliminate<3> : eliminate<1>)(t, part, children, place, panels, work, blas[thread])) return false;
@@ -112,20 +112,20 @@ extern "C" int factor(int each, I tasks, const Task *task, int threads, const Bl
 }
 
 /* X := L^-1 X for k right-hand sides, each unknown's k numbers together; `row` says where each node's unknowns stand. */
-extern "C" void forward(I count, const I *chosen, const Part *part, const int32_t *boundary, const I *row, int k, const double *panels,
-                        double *X, double *scratch, const Blas *blas) {
+extern "C" void forward(I count, const I *chosen, const Part *part, const int32_t *boundary, const I *row, int k, const Real *panels,
+                        Real *X, Real *scratch, const Blas *blas) {
   for (I i = 0; i < count; ++i) {
     const Part p = part[chosen[i]];
     const int s = p.s, b = p.b, f = s + b;
-    const double *F = panels + p.panel;
-    double *x = X + 3 * k * row[p.first];
+    const Real *F = panels + p.panel;
+    Real *x = X + 3 * k * row[p.first];
     if (k == 1) blas->trsv("L", "N", "N", &s, F, &f, x, &unit);
     else blas->trsm("R", "L", "T", "N", &k, &s, &one, F, &f, x, &k);
     if (!b) continue;
     if (k == 1) blas->gemv("N", &b, &s, &one, F + s, &f, x, &unit, &none, scratch, &unit);
     else blas->gemm("N", "T", &k, &b, &s, &one, x, &k, F + s, &f, &none, scratch, &k);
     for (I j = 0; j < b / 3; ++j) {
-      double *to = X + 3 * k * row[boundary[p.boundary + j]];
+      Real *to = X + 3 * k * row[boundary[p.boundary + j]];
       for (I d = 0; d < 3 * k; ++d) to[d] -= scratch[3 * k * j + d];
     }
   }
@@ -134,7 +134,7 @@ extern "C" void forward(I count, const I *chosen, const Part *part, const int32_
 /* The same for one right-hand side and all parts, on several threads: what a task leaves behind at later nodes waits in `left`, for each
    boundary node its own place, until it is taken off in the order in which one thread would. */
 extern "C" void forward_shared(I tasks, const Task *task, int threads, const Blas *blas, const Part *part, const int32_t *boundary,
-                               const double *panels, double *x, double *left) {
+                               const Real *panels, Real *x, Real *left) {
   const auto take = [&](const Part &p, int from, int to) {
     for (I j = from; j < to; ++j)
       for (int d = 0; d < 3; ++d) x[3 * I(boundary[p.boundary + j]) + d] -= left[3 * (p.boundary + j) + d];
@@ -147,7 +147,7 @@ extern "C" void forward_shared(I tasks, const Task *task, int threads, const Bla
     for (I t = task.first; t < task.last; ++t) {
       const Part p = part[t];
       const int s = p.s, b = p.b, f = s + b;
-      const double *F = panels + p.panel;
+      const Real *F = panels + p.panel;
       blas[thread].trsv("L", "N", "N", &s, F, &f, x + 3 * p.first, &unit);
       if (b) blas[thread].gemv("N", &b, &s, &one, F + s, &f, x + 3 * p.first, &unit, &none, left + 3 * p.boundary, &unit);
       take(p, 0, within(p, task));
@@ -163,16 +163,16 @@ extern "C" void forward_shared(I tasks, const Task *task, int threads, const Bla
 
 /* x := L^-T x for one right-hand side: what waits for others, then on several threads what others wait for. */
 extern "C" void backward(I tasks, const Task *task, int threads, const Blas *blas, const Part *part, const int32_t *boundary,
-                         const double *panels, double *x) {
+                         const Real *panels, Real *x) {
   const auto run = [&](int thread, const Task &task) {
-    std::vector<double> own;
+    std::vector<Real> own;
     for (I t = task.last - 1; t >= task.first; --t) {
       const Part p = part[t];
       const int s = p.s, b = p.b, f = s + b;
-      const double *F = panels + p.panel;
+      const Real *F = panels + p.panel;
       if (b) {
         own.resize(b);
-        for (I j = 0; j < b / 3; ++j) memcpy(own.data() + 3 * j, x + 3 * I(boundary[p.boundary + j]), 3 * sizeof(double));
+        for (I j = 0; j < b / 3; ++j) memcpy(own.data() + 3 * j, x + 3 * I(boundary[p.boundary + j]), 3 * sizeof(Real));
         blas[thread].gemv("T", &b, &s, &minus, F + s, &f, own.data(), &unit, &one, x + 3 * p.first, &unit);
       }
       blas[thread].trsv("L", "T", "N", &s, F, &f, x + 3 * p.first, &unit);

@@ -19,6 +19,7 @@ import ctypes
 import functools
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from physics.linalg.native import blas, compiled, pointer
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Numbers = NDArray[Any]  # of single or double precision
 
 LEAF = 20  # nodes of a part that is not cut any further
 # One row of `Dissection.part`: how many unknowns it eliminates and how many its boundary has, where its panel begins, its first
@@ -36,7 +38,7 @@ PART = np.dtype([(name, np.int64) for name in COLUMNS])
 # One row of `Shares.task`: the parts from `first` up to `last`, how many tasks it waits for, which one waits for it, and its operations.
 TASK = np.dtype([(name, np.int64) for name in ("first", "last", "waits", "next", "work")])
 PIECES = 1.5  # subtrees for each thread, at least: more would share the work better, in more memory
-ROUTINES = ("dpotrf", "dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")
+ROUTINES = ("potrf", "trsm", "syrk", "gemm", "trsv", "gemv")
 
 SOURCE = (Path(__file__).parent / "dissection.cpp").read_text()
 
@@ -182,10 +184,10 @@ class Shares:
     blas: NDArray[np.uintp]
 
 
-def shared(dissection: Dissection, threads: int) -> Shares:
+def shared(dissection: Dissection, threads: int, *, single: bool = False) -> Shares:
     """Subtrees of at most a share of all operations are one task each, and have a working memory each; every part above is one more."""
     d = dissection
-    routines = np.array([[blas(name, thread) for name in ROUTINES] for thread in range(threads)], np.uintp)
+    routines = np.array([[blas(("s" if single else "d") + name, thread) for name in ROUTINES] for thread in range(threads)], np.uintp)
     if threads == 1:
         return Shares(np.array([(0, len(d.part), 0, -1, 0)], TASK), d.part, d.memory, routines)
     s, b = d.part["own"], d.part["rest"]
@@ -210,17 +212,17 @@ def shared(dissection: Dissection, threads: int) -> Shares:
 
 
 @functools.cache
-def _library() -> ctypes.CDLL:
-    return compiled(SOURCE)
+def _library(single: bool) -> ctypes.CDLL:
+    return compiled(f"typedef {'float' if single else 'double'} Real;\n" + SOURCE)
 
 
-def factored(dissection: Dissection, values: Floats, work: Floats, each: int = 3, shares: Shares | None = None) -> bool:
+def factored(dissection: Dissection, values: Numbers, work: Numbers, each: int = 3, shares: Shares | None = None) -> bool:
     """Turn the entries in the panels' `values` into those of the factor, with 3 or 1 unknowns a node; False when there is none.
 
     Args: work: of `memory` numbers, the shares' or where there are none the dissection's
     """
     d, shares = dissection, shares or shared(dissection, 1)
-    return bool(_library().factor(
+    return bool(_library(values.dtype == np.float32).factor(
         ctypes.c_int(each), *_given(shares), pointer(shares.part), pointer(d.children), pointer(d.at), pointer(values), pointer(work)))
 
 
@@ -229,13 +231,17 @@ def _given(shares: Shares) -> tuple[ctypes.c_int64, ctypes.c_void_p, ctypes.c_in
 
 
 class Panels:
-    """The factor of a stiffness in the order of a dissection; the same bits on any number of threads."""
+    """The factor of a stiffness in the order of a dissection; the same bits on any number of threads.
 
-    def __init__(self, dissection: Dissection, threads: int = 1) -> None:
-        self.dissection, self._shares = dissection, shared(dissection, threads)
-        self.values = np.empty(dissection.numbers + 1)  # and one number that is not used
-        self._work = np.empty(self._shares.memory)
-        self._library, self._given = _library(), _given(self._shares)
+    type: of its numbers, and of what is solved for
+    """
+
+    def __init__(self, dissection: Dissection, threads: int = 1, *, single: bool = False) -> None:
+        self.dissection, self._shares = dissection, shared(dissection, threads, single=single)
+        self.type: Any = np.float32 if single else np.float64
+        self.values = np.empty(dissection.numbers + 1, self.type)  # and one number that is not used
+        self._work = np.empty(self._shares.memory, self.type)
+        self._library, self._given = _library(single), _given(self._shares)
         self._every = np.arange(len(dissection.part))
         self._rows = np.arange(len(dissection.order))
 
@@ -243,28 +249,28 @@ class Panels:
         """Turn the entries in `values` into those of the factor; False when there is none."""
         return factored(self.dissection, self.values, self._work, shares=self._shares)
 
-    def forward(self, x: Floats, parts: Integers | None = None, rows: Integers | None = None) -> Floats:
+    def forward(self, x: Numbers, parts: Integers | None = None, rows: Integers | None = None) -> Numbers:
         """L^-1 x in place, x (N', 3, k); with `parts` closed upwards, the places whose rows (N,) they say are all there is."""
         d, k = self.dissection, x.shape[-1]
         tables = pointer(d.part), pointer(d.boundary)
         if k == 1 and parts is None and len(self._shares.blas) > 1:
-            left = np.empty(3 * len(d.boundary))
+            left = np.empty(3 * len(d.boundary), self.type)
             self._library.forward_shared(*self._given, *tables, pointer(self.values), pointer(x), pointer(left))
             return x
         chosen = self._every if parts is None else parts
-        scratch = np.empty(int(d.part["rest"].max()) * k)
+        scratch = np.empty(int(d.part["rest"].max()) * k, self.type)
         self._library.forward(
             ctypes.c_int64(len(chosen)), pointer(chosen), *tables, pointer(self._rows if rows is None else rows), ctypes.c_int(k),
             pointer(self.values), pointer(x), pointer(scratch), pointer(self._shares.blas))
         return x
 
-    def backward(self, x: Floats) -> Floats:
+    def backward(self, x: Numbers) -> Numbers:
         """L^-T x in place, x (N, 3)."""
         d = self.dissection
         self._library.backward(*self._given, pointer(d.part), pointer(d.boundary), pointer(self.values), pointer(x))
         return x
 
-    def columns(self, places: Integers, free: NDArray[np.bool_]) -> tuple[Integers, Floats]:
+    def columns(self, places: Integers, free: NDArray[np.bool_]) -> tuple[Integers, Numbers]:
         """L^-1 of unit vectors at the three unknowns of each of the nodes at n places, zero where they are not free (n, 3).
 
         Returns:
@@ -279,7 +285,7 @@ class Panels:
             front = front[front >= 0]
         inside = np.repeat(reached, d.part["own"] // 3)
         row = np.cumsum(inside) - 1
-        right = np.zeros((3 * int(inside.sum()), free.size))
+        right = np.zeros((3 * int(inside.sum()), free.size), self.type)
         right[(3 * row[places][:, None] + np.arange(3)).ravel(), np.arange(free.size)] = free.ravel()
         self.forward(right.reshape(-1, 3, free.size), np.flatnonzero(reached), row)
         return (3 * np.flatnonzero(inside)[:, None] + np.arange(3)).ravel(), right

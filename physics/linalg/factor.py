@@ -26,6 +26,7 @@ class Factor(Protocol):
 
     Attributes:
         elasticity: whose stiffness it is of; name: in words
+        double: whether its numbers have double precision
         negative: eigenvalues of the factored stiffness below zero
         worth: how many Newton steps with a kept factor cost about as much as a new one
         learned: nodes (m,) whose columns are known, group by group as they came
@@ -33,11 +34,15 @@ class Factor(Protocol):
 
     elasticity: Stiffness
     name: str
+    double: bool
     negative: int
     worth: int
 
     @property
     def learned(self) -> list[Integers]: ...
+
+    def widen(self) -> None:
+        """Have numbers of double precision from the next update on."""
 
     def update(self, u: Floats) -> None:
         """Factor the stiffness at displacements (N, 3). Raises `NotPositiveDefinite` when that fails."""
@@ -75,7 +80,7 @@ def solver_for(elasticity: Stiffness, *, method: str | None = None, spread: bool
         return BandFactor(elasticity, order, band)
     dissection = dissect(elasticity.mesh.points, elasticity.cells)
     if method == "direct" or dissection.numbers <= cholesky.MOST_NUMBERS:
-        return DissectionFactor(elasticity, dissection)
+        return DissectionFactor(elasticity, dissection, single=True)
     size, limit = 8e-9 * dissection.numbers, 8e-9 * cholesky.MOST_NUMBERS
     return Multigrid(elasticity, why=f"for a factor would take {size:.2g} GB, more than {limit:.2g} GB")
 

@@ -21,6 +21,7 @@ class SparseFactor:
 
     name = "sparse L D L^T (MUMPS)"
     worth = 8
+    double = True
 
     def __init__(self, elasticity: Stiffness) -> None:
         self.elasticity = elasticity
@@ -31,6 +32,9 @@ class SparseFactor:
         self._pc.setFactorSolverType("mumps")
         self._vectors: tuple[PETSc.Vec, PETSc.Vec] | None = None
         self.negative = 0
+
+    def widen(self) -> None:
+        """It has them."""
 
     def update(self, u: Floats) -> None:
         self.learned = []

@@ -62,7 +62,7 @@ def blas(name: str, thread: int = 0) -> int:
     """
     if thread and (library := _copied(thread)):
         return ctypes.cast(library[name + "_"], ctypes.c_void_p).value or 0
-    capsule = (cython_lapack if name == "dpotrf" else cython_blas).__pyx_capi__[name]
+    capsule = (cython_lapack if name.endswith("potrf") else cython_blas).__pyx_capi__[name]
     python = ctypes.pythonapi
     python.PyCapsule_GetName.restype, python.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
     python.PyCapsule_GetPointer.restype, python.PyCapsule_GetPointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]

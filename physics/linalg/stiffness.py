@@ -5,7 +5,7 @@ body/elasticity.py and motion/dynamics.py have one each. Legend: N nodes, C cell
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +38,8 @@ class Stiffness(Protocol):
     def pairs(self, unknown: Integers) -> tuple[Integers, Integers]:
         """Rows and columns (C, d (d + 1) / 2) of the entries that each cell adds to, none twice, for unknowns numbered (N, 3)."""
 
-    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
-        """Add each cell's entries at displacements (N, 3) to out[slot], slot as `pairs`."""
+    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: NDArray[Any]) -> None:
+        """Add each cell's entries at displacements (N, 3) to out[slot], of single or double precision, slot as `pairs`."""
 
     def stiffness(self, u: Floats) -> PETSc.Mat:
         """The whole matrix at displacements (N, 3) in dolfinx's order."""

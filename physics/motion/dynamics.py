@@ -62,7 +62,7 @@ class Moving(Lumped):
         self.start, self.velocity, self.outer, self.h = u, velocity, outer, h
         self.added = 2 / h**2
 
-    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: Floats) -> None:
+    def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: NDArray[Any]) -> None:
         self.factored_h = self.h
         super().add_stiffness(u, slot, out)
 
