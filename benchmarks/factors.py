@@ -5,7 +5,7 @@
 The first steps of the press scene's 400, after the obstacle has touched, set-up left out. All factor the same stiffness, are kept
 and renewed by the same rule, and answer the same questions of contact; only the program differs that factors and solves. MUMPS and
 CHOLMOD are PETSc's, each with its own ordering, and their compliance columns are whole solutions; the own factors stop half-way
-(physics/linalg/columns.py). A factorisation has the stiffness in it. Each run is a process of its own.
+(physics/linalg/columns.py). Single is the precision that a body begins with; all others are double. A factorisation has the stiffness in it. Each run is a process of its own.
 """
 
 from petsc4py import PETSc
@@ -41,7 +41,8 @@ class Cholmod(SparseFactor):
         self._vectors = self._vectors or matrix.createVecs()
 
 
-KINDS = {"own, multifrontal": DissectionFactor, "own, banded": lambda elasticity: BandFactor(elasticity, *narrowest_order(elasticity)),
+KINDS = {"own, multifrontal": DissectionFactor, "own, multifrontal, single": lambda elasticity: DissectionFactor(elasticity, single=True),
+         "own, banded": lambda elasticity: BandFactor(elasticity, *narrowest_order(elasticity)),
          "MUMPS": SparseFactor, "CHOLMOD": Cholmod}
 
 

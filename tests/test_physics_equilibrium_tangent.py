@@ -21,12 +21,15 @@ FORCE = np.array([[1.0, -2, 3], [-4, 5, 6]])
 class Dense:
     """A factor of a given matrix, with the interface of the others; what it learns is noted."""
 
-    worth = 8
+    worth, double = 8, True
 
     def __init__(self, matrix):
         self.inverse = np.linalg.inv(matrix)
         self.negative = int((np.linalg.eigvalsh(matrix) < 0).sum())
         self.learned, self.updated = [], []
+
+    def widen(self):
+        pass
 
     def update(self, u):
         self.updated.append(u)

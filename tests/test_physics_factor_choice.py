@@ -129,8 +129,8 @@ def test_what_is_tried_are_three_numberings(monkeypatch):
 def test_a_body_gets_a_band_a_dissection_or_multigrid_by_size(monkeypatch):
     body = elasticity()
     band = narrowest_order(body)[1]
-    assert cholesky.WIDEST_BAND == 300 and cholesky.MOST_NUMBERS == 500_000_000
-    assert isinstance(solver_for(body), BandFactor) and f"a half-bandwidth of {band}, at most 300" in solver_for(body).name
+    assert cholesky.WIDEST_BAND == 200 and cholesky.MOST_NUMBERS == 500_000_000
+    assert isinstance(solver_for(body), BandFactor) and f"a half-bandwidth of {band}, at most 200" in solver_for(body).name
     monkeypatch.setattr(cholesky, "WIDEST_BAND", band)
     assert isinstance(solver_for(body), BandFactor)
     monkeypatch.setattr(cholesky, "WIDEST_BAND", band - 1)
