@@ -5,7 +5,8 @@
 The first steps of the press scene's 400, after the obstacle has touched, set-up left out. All factor the same stiffness, are kept
 and renewed by the same rule, and answer the same questions of contact; only the program differs that factors and solves. MUMPS and
 CHOLMOD are PETSc's, each with its own ordering, and their compliance columns are whole solutions; the own factors stop half-way
-(physics/linalg/columns.py). Single is the precision that a body begins with; all others are double. A factorisation has the stiffness in it. Each run is a process of its own.
+(physics/linalg/columns.py). Single is the precision that a dissected factor begins with; all others are double. A factorisation has the
+stiffness in it. Each run is a process of its own.
 """
 
 from petsc4py import PETSc
