@@ -117,6 +117,16 @@ def test_a_scene_ends_where_it_does_in_double_precision(dissected, monkeypatch):
     assert abs(ends[0] - ends[1]).max() < 1e-5 * abs(ends[1]).max() and steps[0] <= 1.1 * steps[1]
 
 
+def test_no_rounding_keeps_a_scene_from_balance(dissected):
+    """Contact forces cancel what presses in the equations, not after these are solved: so steps become as small as the residual asks."""
+    scene = pressed(steps={"count": 4})
+    path = LoadPath(scene, build_mesh(scene.body), tolerance=1e-10)
+    for step in range(1, 5):
+        state = path.advance(step / 4)
+        assert state.residual < 1e-10 and state.pressure.any() == (step > 0)
+    assert not path.newton.tangent.solver.double and not path.halvings
+
+
 def test_a_path_that_is_cut_off_goes_on_to_the_same_bits(dissected, tmp_path, monkeypatch):
     class Cut(Exception):
         pass

@@ -115,7 +115,7 @@ def test_they_end_at_an_equilibrium(residual, gap_error, taken):
 def test_a_new_factor_forgets_the_steps_before_and_what_they_cost():
     found = newton()
     # Nothing known, and two steps taken for what a new factor needs.
-    assert flatten(found.memory()) == {"tangent.made": 0, "tangent.fresh": 2, "tangent.excess": 0,
+    assert flatten(found.memory()) == {"tangent.made": 0, "tangent.fresh": 2, "tangent.excess": 0, "tangent.double": True,
                                        "watch.softest": 0.0, "watch.unseen": 0.0, "watch.trusted": 0.0}
     found.tangent.excess, found._mixing.differences = 5, [(0, 0, 0)]
     at = noise(found, 1e-5)

@@ -147,20 +147,22 @@ class KeptFactor:
         return self.solver.solve(force)
 
     def step(self, force: Floats, tolerance: float, felt: Felt | None) -> Floats:
+        """Contact forces of before stay on: what is solved for is as small as what is out of balance, and so is its rounding."""
         self.giving = self.solver.negative
-        free = self.solver.begin(-force)  # were there no contact
         if felt is None:
-            return self.solver.finish(free)
-        contact = self._condense(felt)
+            return self.solver.finish(self.solver.begin(-force))
+        contact, before, out = self._condense(felt), felt.pressed, -force
+        out[felt.nodes] += (before @ felt.gradient).reshape(-1, 3)
+        free = self.solver.begin(out)  # were they to stay
         moved = self.solver.at(free, felt.nodes).ravel()
         turned = contact.turn(felt.bend @ moved)
-        gap = felt.gap + felt.gradient @ moved + contact.across.T @ turned
+        gap = felt.gap + felt.gradient @ moved + contact.across.T @ turned - contact.matrix @ before + felt.softness * before
         try:
-            pressed = solve_complementarity(contact.matrix, gap, felt.pressed > 0, definite=not contact.negative)
+            felt.pressed = solve_complementarity(contact.matrix, gap, before > 0, definite=not contact.negative)
         except (np.linalg.LinAlgError, RuntimeError):  # the latter when non-negative least squares do not end
             raise NoEquilibrium("the body gives way to contact without resistance") from None
-        felt.pressed = pressed
-        push = pressed @ felt.gradient + (turned + contact.turn(contact.across @ pressed)) @ felt.bend
+        more = felt.pressed - before
+        push = more @ felt.gradient + (turned + contact.turn(contact.across @ more)) @ felt.bend
         return self.solver.finish(free, felt.nodes, push.reshape(-1, 3))
 
     def _condense(self, felt: Felt) -> Condensed:
