@@ -15,6 +15,7 @@ class Counted:
     """An estimator made up: at frame f every body node has gone f, and the answer is -f; it counts how often it is made."""
 
     made = 0
+    lost = (5, 8)
 
     def __init__(self, trajectory):
         type(self).made += 1
@@ -59,16 +60,18 @@ def test_the_body_has_the_estimate_and_the_rest_what_is_given(counted, trajector
 def test_what_is_kept_is_read_again_and_believed(counted, trajectory, tmp_path):
     first = estimate(trajectory, FRAMES, cache=tmp_path)
     file, = tmp_path.iterdir()
-    assert file.suffix == ".npy" and len(file.stem) == 32
-    kept = np.load(file)
+    assert file.suffix == ".npz" and len(file.stem) == 32
+    kept = np.load(file)["found"]
     np.testing.assert_array_equal(kept, [first.displacement[:, trajectory.body], first.answer[:, trajectory.body]])
     again = estimate(trajectory, FRAMES, cache=tmp_path)
     assert counted.made == 1
     np.testing.assert_array_equal(again.displacement, first.displacement)
     np.testing.assert_array_equal(again.answer, first.answer)
-    np.save(file, kept + 100)
+    assert again.lost == first.lost == (5, 8)
+    np.savez(file, found=kept + 100, lost=[])
     again = estimate(trajectory, FRAMES, cache=tmp_path)
     np.testing.assert_array_equal(again.answer[:, trajectory.body], first.answer[:, trajectory.body] + 100)
+    assert again.lost == ()
     assert counted.made == 1 and [path.name for path in tmp_path.iterdir()] == [file.name]
     estimate(trajectory, FRAMES)  # without a folder nothing is looked up
     assert counted.made == 2

@@ -134,7 +134,7 @@ class Estimator:
     """An estimator that takes 6 s and has the world's path, and 2 more where it is rough."""
 
     def __init__(self, world, case):
-        self.world, self.case = world, case
+        self.world, self.case, self.lost = world, case, []
 
     def __call__(self, trajectory, *, rough):
         self.world.now += 6
@@ -142,7 +142,7 @@ class Estimator:
         held = ~trajectory.free
         np.testing.assert_array_equal(trajectory.displacement[:, held], self.case.trajectory.displacement[:, held])
         path = self.world.path[:, trajectory.body] + 2 * rough
-        return SimpleNamespace(frames=lambda frames: (path[list(frames)], None))
+        return SimpleNamespace(frames=lambda frames: (path[list(frames)], None), lost=self.lost)
 
 
 def test_the_reduced_model_is_the_estimate_without_the_network(world, case, monkeypatch):
@@ -154,6 +154,14 @@ def test_the_reduced_model_is_the_estimate_without_the_network(world, case, monk
         assert not found.path[0].any()
         np.testing.assert_array_equal(found.path[1:], world.path[1:, case.trajectory.body] + 2 * rough)
         assert (found.seconds, found.set_up, found.one_step) == (6.0, 0.0, None)
+
+
+def test_where_the_reduced_model_loses_its_way_it_is_left_out(world, case, monkeypatch):
+    estimator = Estimator(world, case)
+    estimator.lost = [7, 9]
+    monkeypatch.setattr(module, "estimator_of", estimator)
+    with pytest.raises(LeftOut, match="no state at 2 of its poses, the first of them frame 7"):
+        estimated("r").predict(case)
 
 
 def test_what_the_reduced_model_does_not_know_is_left_out(case, monkeypatch):

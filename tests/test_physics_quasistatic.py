@@ -266,3 +266,16 @@ def test_between_the_first_poses_others_are_solved_and_a_rough_estimate_has_none
     between = next(frame for frame in range(min(first), max(first)) if frame not in rough._known)
     end = rough.frames([between - 1, between, between + 1])[0][:, :, 2].min(axis=1)
     assert end[0] > end[1] > end[2]  # what lies between goes down as well
+
+
+def test_where_newton_leads_nowhere_the_body_stays_as_it_last_was_and_the_poses_are_named(monkeypatch):
+    """From the fourteenth of 21 frames on no state is found."""
+    trajectory, newton = unsolved(centres=np.linspace([0.06, 0.02, 0.02025], [0.06, 0.02, 0.019], 21)), Press.newton
+    monkeypatch.setattr(Press, "newton", lambda press, centre, state, c: newton(press, centre, state, c) if centre[2] > 0.0194 else None)
+    estimator = estimator_of(trajectory)
+    poses = {int(frame) for part in estimator._pieces(int(estimator.overlaps.argmax()) - 1) for frame in part}
+    assert estimator.lost == sorted(frame for frame in poses if frame > 13) and len(estimator.lost) > 1
+    found, _ = estimator.frames(range(21))
+    last = max(estimator._known)
+    assert last in poses and last <= 13 and found[last].any()
+    np.testing.assert_array_equal(found[last + 1:], np.broadcast_to(found[last], found[last + 1:].shape))

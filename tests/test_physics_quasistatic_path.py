@@ -1,11 +1,12 @@
 """Which poses of a path are foreseen from which others, in what order they are solved, and what lies between them: poses made up."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from physics.reduced.pose import PoseState
+from physics.reduced.pose import PoseState, Press
 from physics.reduced.quasistatic import ENOUGH, EXACT, ROUNDS, Estimator, Solved, _sum
 
 
@@ -132,31 +133,65 @@ def solving(monkeypatch, forces, *, reached=True):
 
 
 def test_what_the_body_has_beyond_the_polynomial_is_put_right_until_it_no_longer_changes(monkeypatch):
-    """c = Phi^T f - dW/dq of the state, then Newton again; at most three solutions, two where the change is below 1e-4 of a cell."""
-    assert (ROUNDS, EXACT, ENOUGH) == (3, 1e-4, 1e-2)
+    """c = Phi^T f - dW/dq of the state, then Newton again; at most six solutions, one where c is off by less than 1e-4 of a cell."""
+    assert (ROUNDS, EXACT, ENOUGH) == (6, 1e-4, 1e-2)
     ones, guess = np.ones(6), pose(4.0, beyond=0.5)
-    estimator, press, asked = solving(monkeypatch, [ones, 5 * ones, 7 * ones])
+    estimator, press, asked = solving(monkeypatch, [ones, 5 * ones, *[7 * ones] * 4])
     found = estimator._solved(press, np.zeros(3), guess, pose(1.0))
-    # Phi^T f = 3 f; at q = 5 c = 3 - 50, at 6: 15 - 60, at 7: 21 - 70, for which nothing is solved any more
-    assert asked == [(4, 0.5), (5, -47), (6, -45)] and found.state.q == [7] and found.beyond == [-49]
+    # Phi^T f = 3 f; at q = 5 c = 3 - 50, off by -47.5 from 0.5; at 6: 15 - 60, off by 2 from -47; the line through both is off by
+    # nothing at -47 + 2 (-47 - 0.5) / (-47.5 - 2) of what was taken, where it gives -45 - 2 (-45 + 47) / (2 + 47.5)
+    assert asked[:3] == [(4, 0.5), (5, -47), (6, pytest.approx(-45 - 4 / 49.5))]
+    assert len(asked) == 6 and found.state.q == [10] and found.beyond == [21 - 100]
     assert found.left == pytest.approx(np.arange(6.0) - 7)  # push - force
     for off, solved in ((0.9e-4, 1), (1.1e-4, 2)):  # 2 (c - known) is the largest change in displacements
-        estimator, press, asked = solving(monkeypatch, [ones * (50.5 + off / 2) / 3, ones * 20, ones])
+        estimator, press, asked = solving(monkeypatch, [ones * (50.5 + off / 2) / 3, *[ones * 20] * 5])
         found = estimator._solved(press, np.zeros(3), guess, pose(1.0))
-        assert len(asked) == solved + (solved > 1) and asked[0] == (4, 0.5)
-    small, press, asked = solving(monkeypatch, [ones * 50.5 / 3 + 0.9e-4 / 6, ones, ones])
+        assert len(asked) == (6 if solved > 1 else 1) and asked[0] == (4, 0.5)
+    small, press, asked = solving(monkeypatch, [ones * 50.5 / 3 + 0.9e-4 / 6, *[ones] * 5])
     press.displacement = lambda state: np.full((2, 3), 0.5)  # of a displacement smaller than a cell
     small._solved(press, np.zeros(3), guess, pose(1.0))
-    assert len(asked) == 3
+    assert len(asked) == 6
 
 
 def test_where_newton_does_not_lead_to_a_pose_it_is_reached_from_the_one_near_it(monkeypatch):
-    estimator, press, asked = solving(monkeypatch, [np.ones(6), np.ones(6), np.ones(6)], reached=False)
+    estimator, press, asked = solving(monkeypatch, [np.ones(6)], reached=False)
     found = estimator._solved(press, np.ones(3), pose(4.0, beyond=0.5), pose(1.0))
-    assert asked[:2] == [(4, 0.5), "from the pose near it"] and found.state.q == [101]
+    # that c cannot be put right from there is told by what is left over
+    assert asked[:2] == [(4, 0.5), "from the pose near it"] and len(asked) == 3 and found.state.q == [101]
+    assert found.left == pytest.approx(np.arange(6.0) - 1)
     estimator, press, asked = solving(monkeypatch, [np.full(6, np.nan)])
-    found = estimator._solved(press, np.ones(3), pose(4.0, beyond=0.5), pose(1.0))
-    assert found.state.q == [5] and found.beyond == [0.5] and not found.left.any()  # a cell is inside out
+    assert estimator._solved(press, np.ones(3), pose(4.0, beyond=0.5), pose(1.0)) is None  # a cell is inside out
+    estimator, press, asked = solving(monkeypatch, [], reached=False)
+    press.advance = lambda centre, state, c: None
+    assert estimator._solved(press, np.ones(3), pose(4.0, beyond=0.5), pose(1.0)) is None
+
+
+def test_a_pose_without_a_state_is_left_out_and_the_next_is_solved_from_those_before(monkeypatch):
+    estimator = on_path([[0, 0, z] for z in (5, 4, 3, 2, 1)], [0, 1, 1, 1, 1])
+    answers = {1: pose(8.0, estimator.centres[1], [1.0]), 2: pose(9.0, estimator.centres[2], [1.0]), 3: None,
+               4: pose(12.0, estimator.centres[4], [1.0])}
+    found, asked = followed(monkeypatch, estimator, [0, 1, 2, 3, 4], answers)
+    assert sorted(found) == [0, 1, 2, 4] and asked[2:] == [(3, 10, 9), (4, 11, 9)]
+
+
+def test_a_way_is_halved_until_newton_leads_on_and_given_up_where_short_ways_do_not():
+    """A Newton's method made up that goes no farther than `reach`, and not past 10; cells of size one."""
+    press, tried = Press.__new__(Press), []
+    press.size = 1.0
+
+    def newton(centre, state, c):
+        tried.append(centre[0] - state.centre[0])
+        return replace(state, centre=centre) if tried[-1] <= c[0] and centre[0] < 10 else None
+
+    press.newton = newton
+    for reach, end, longest in ((1.0, 9.0, 1.0), (0.3, 9.0, 0.3), (0.08, 9.0, 0.08), (0.01, 1.0, None), (1.0, 20.0, None)):
+        tried.clear()
+        found = press.advance(np.array([end, 0, 0]), pose(1.0).state, np.array([reach]))
+        assert max(tried) <= 1  # farther than a cell is not even tried
+        if longest is None:
+            assert found is None and (end > 1 or tried == [1, 1 / 2, 1 / 4, 1 / 8, 1 / 16])
+        else:
+            assert found.centre[0] == end and min(tried) > longest / 2
 
 
 def test_frames_at_poses_are_these_and_others_lie_on_the_part_that_they_belong_to():

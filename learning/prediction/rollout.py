@@ -48,7 +48,8 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
 
     Returns:
         the same trajectory with the predicted displacement and fields, its segments, without what only a solver knows, and with
-        extra = {"run", "seconds_per_step"}; of a predictor of beams also error_bar (T,) [m] and unsure (T,) for each frame
+        extra = {"run", "seconds_per_step"}, and lost_poses where its estimate found no state at some; of a predictor of beams also
+        error_bar (T,) [m] and unsure (T,) for each frame
 
     Raises:
         FloatingPointError: a position that is not finite, with the step
@@ -68,6 +69,7 @@ def rollout(model: Model | AtOnce, trajectory: Trajectory, *, correct: Correctio
     moved = {"fields": {"velocity": state, **told}} if layout.flow else {"displacement": state, "fields": told}
     extra = {"run": model.name, "seconds_per_step": seconds}
     extra |= {name: trajectory.extra[name] for name in ("step_seconds",) if name in trajectory.extra}
+    extra |= {"lost_poses": len(example.estimate.lost)} if example.estimate and example.estimate.lost else {}
     return replace(example.trajectory, per_frame={}, segment=segment, extra=extra, **moved)
 
 

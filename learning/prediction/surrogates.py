@@ -93,6 +93,8 @@ def estimated(name: str, *, rough: bool = False) -> Predictor:
             estimator = estimator_of(replace(case.trajectory, displacement=given, remainder=None), rough=rough)
         except InputError as error:
             raise LeftOut(f"{error}") from None
+        if estimator.lost:
+            raise LeftOut(f"it finds no state at {len(estimator.lost)} of its poses, the first of them frame {estimator.lost[0]}")
         path[1:] = estimator.frames(range(1, case.steps + 1))[0]
         return Prediction(path=path, seconds=time.process_time() - start)
 

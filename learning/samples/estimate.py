@@ -21,7 +21,7 @@ from physics.scene import Scene
 from physics.schema import InputError
 from physics.whole import written_whole
 
-VERSION = 6  # of the estimates: to be raised with every change to their numbers
+VERSION = 7  # of the estimates: to be raised with every change to their numbers
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,13 @@ class Estimate:
     frames: (F,) their numbers, ascending
     displacement: (F, N, 3) [m] of all nodes, the obstacle's as given
     answer: (F, N, 3) [m] what the rest stiffness answers to the forces left over: about how wrong the estimate is, and which way
+    lost: frames of poses to which no state was found, so that those around it are guessed
     """
 
     frames: NDArray[np.int64]
     displacement: NDArray[np.float32]
     answer: NDArray[np.float32]
+    lost: tuple[int, ...] = ()
 
     def at(self, frame: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Displacement and answer (N, 3) at one of the frames. Raises KeyError for another."""
@@ -56,17 +58,19 @@ def estimate(trajectory: Trajectory, frames: NDArray[np.int64], *, cache: Path |
         InputError: the trajectory holds no scene, or one of a kind that is not known here
     """
     body = trajectory.body
-    path = None if cache is None else cache / f"{_key(trajectory, frames)}.npy"
+    path = None if cache is None else cache / f"{_key(trajectory, frames)}.npz"
     if path is not None and path.exists():
-        found = np.load(path)
+        with np.load(path) as kept:
+            found, lost = kept["found"], kept["lost"]
     else:
-        found = np.stack(estimator_of(trajectory).frames(frames.tolist()))
+        estimator = estimator_of(trajectory)
+        found, lost = np.stack(estimator.frames(frames.tolist())), np.array(estimator.lost, np.int64)
         if path is not None:
             with written_whole(path) as part, open(part, "wb") as handle:
-                np.save(handle, found)
+                np.savez(handle, found=found, lost=lost)
     displacement, answer = trajectory.displacement[frames].copy(), np.zeros_like(trajectory.displacement[frames])
     displacement[:, body], answer[:, body] = found
-    return Estimate(frames, displacement, answer)
+    return Estimate(frames, displacement, answer, tuple(lost.tolist()))
 
 
 def estimator_of(trajectory: Trajectory, *, rough: bool = False) -> Estimator:

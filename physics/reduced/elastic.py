@@ -92,7 +92,7 @@ class Elastic:
         found = np.array([self._gradient @ component for component in u.reshape(-1, 3).T])
         return found.reshape(3, 3, -1).transpose(2, 0, 1)  # one component after another in memory, which is faster
 
-    def gradients(self, u: Floats, points: slice) -> Floats:
+    def gradients(self, u: Floats, points: NDArray[np.int64] | slice) -> Floats:
         """H (3, 3, r, q) of r displacements (M, r) at some points of integration."""
         parts = [part[points] @ u.reshape(len(u) // 3, -1) for part in self._directions]
         return np.array(parts).reshape(3, -1, 3, u.shape[1]).transpose(2, 0, 3, 1)

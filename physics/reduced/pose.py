@@ -71,18 +71,20 @@ class Press:
         """(N, 3) [m]"""
         return (self.model.space @ state.q).reshape(-1, 3) + state.local
 
-    def advance(self, centre: Floats, state: PoseState, c: Floats, depth: int = 0) -> PoseState:
+    def advance(self, centre: Floats, state: PoseState, c: Floats, depth: int = 0) -> PoseState | None:
         """The state at a pose, from one at another pose: in one go, or in two halves where that does not lead there.
 
-        Where 2^-HALVINGS of the way is still too far, the body stays as it is: the forces left over tell how bad the estimate is.
+        None where it does not lead there either in parts of a cell's size over 2^HALVINGS.
         """
         way = centre - state.centre
-        if np.linalg.norm(way) <= self.size and (found := self.newton(centre, state, c)) is not None:
-            return found
-        if depth == HALVINGS:
-            return replace(state, centre=centre)
-        state = self.advance(state.centre + way / 2, state, c, depth + 1)
-        return self.advance(centre, state, c, depth + 1)
+        if np.linalg.norm(way) <= self.size:
+            if (found := self.newton(centre, state, c)) is not None:
+                return found
+            if depth == HALVINGS:
+                return None
+            depth += 1
+        middle = self.advance(state.centre + way / 2, state, c, depth)
+        return None if middle is None else self.advance(centre, middle, c, depth)
 
     def newton(self, centre: Floats, state: PoseState, c: Floats) -> PoseState | None:
         """The state at a pose from one nearby; None where Newton's method does not find it."""

@@ -4,7 +4,8 @@ How a body moves in a small space and yields locally at one pose stands in pose.
 where contact begins. Between two of them another is solved, and more where it is not what those around it foretell: where points of
 the surface begin or cease to touch. What lies between the poses is interpolated. c = Phi^T f(u) - dW/dq, what the body's own law has
 beyond the polynomial W, is taken from the poses around and put right at each. Before, the space is enriched: at some poses the
-answers of the rest stiffness, turned with the body, to the forces that are left over join it.
+answers of the rest stiffness, turned with the body, to the forces that are left over join it. A pose to which Newton's method does
+not lead in small steps either is lost: it is left out, and `lost` names it.
 Legend: N body nodes, M = 3 N, T frames.
 """
 
@@ -36,7 +37,8 @@ ENRICHMENTS = 2  # rounds of it at most
 ENOUGH = 1e-2  # cell sizes: when the answers are smaller, one round is enough
 HALVINGS = 3  # between two of the first poses at most
 CLOSE = 1.5e-4  # cell sizes: how far a pose may lie, in the root mean square, from what those around it foretell
-ROUNDS = 3  # solutions at a pose at most
+ROUNDS = 6  # solutions at a pose at most
+MIXED = 4  # of the last of them are mixed
 EXACT = 1e-4  # of a cell, or of a smaller displacement: what may be left undone of the body's own law in the small space
 
 
@@ -76,6 +78,7 @@ class Estimator:
         # Where the obstacle overlaps the body at rest. Later on it may be so deep that it no longer does.
         clearance = self._clearance(rest)
         self.overlaps = clearance < 0
+        self.lost: list[int] = []  # frames of poses to which no state was found
         self._parts: list[Akima1DInterpolator | PchipInterpolator] = []  # of what `frames` gives, by the way
         self._known: dict[int, Floats] = {}  # what it gives at the poses themselves
         if self.overlaps.any():
@@ -109,18 +112,21 @@ class Estimator:
             found = self._follow(press, frames)
             if enriched == rounds:
                 break
-            answers = _answers(press, [found[frame] for frame in enriching.tolist()])
-            if enriched and abs(answers).max() < ENOUGH * self.size:
+            answers = _answers(press, [found[frame] for frame in enriching.tolist() if frame in found])
+            if enriched and abs(answers).max(initial=0.0) < ENOUGH * self.size:
                 break
             press, frames = press.within(Reduced(elastic, [*press.model.space.T, *answers])), poses
+        self.lost = [frame for frame in poses.tolist() if frame not in found]
         for part in parts:
-            for one, other in pairwise(part.tolist()):
+            for one, other in pairwise([frame for frame in part.tolist() if frame in found]):
                 self._refine(press, one, other, part, found, halvings)
         answers = _answers(press, list(found.values())).reshape(len(found), -1, 3)
         self._known = {frame: np.array([press.displacement(one.state), answer])
                        for (frame, one), answer in zip(found.items(), answers, strict=True)}
         for part in parts:
             part = np.array([frame for frame in sorted(found) if part[0] <= frame <= part[-1]])
+            if len(part) < 2:
+                continue
             smooth = Akima1DInterpolator if len(part) > 2 else PchipInterpolator  # two poses have a straight line between them
             self._parts.append(smooth(self._way[part], np.array([self._known[frame] for frame in part.tolist()])))
 
@@ -145,11 +151,14 @@ class Estimator:
     def _refine(self, press: Press, one: int, other: int, part: NDArray[np.int64], found: dict[int, Solved],
                 halvings: int) -> None:
         """Solve a pose between two of a part, and more where it is not what those around it foretell."""
-        middle = one + int(np.searchsorted(self._way[one:other + 1], (self._way[one] + self._way[other]) / 2))
+        half = (self._way[one] + self._way[other]) / 2 - 1e-6 * self.size  # on even steps the frame in the middle, whatever is rounded
+        middle = one + int(np.searchsorted(self._way[one:other + 1], half))
         if not halvings or not one < middle < other:
             return
         guess = self._foretold([frame for frame in sorted(found) if part[0] <= frame <= part[-1]], found, middle)
-        found[middle] = self._solved(press, self.centres[middle], guess, found[one])
+        if (solved := self._solved(press, self.centres[middle], guess, found[one])) is None:
+            return
+        found[middle] = solved
         off = press.displacement(guess.state) - press.displacement(found[middle].state)
         if np.sqrt((off**2).sum(axis=1).mean()) > CLOSE * self.size:
             self._refine(press, one, middle, part, found, halvings - 1)
@@ -164,7 +173,7 @@ class Estimator:
         return _sum(shares, [found[other] for other in near])
 
     def _follow(self, press: Press, frames: NDArray[np.int64]) -> dict[int, Solved]:
-        """Solve poses in order, each from the last two."""
+        """Solve poses in order, each from the last two; one to which no state is found is left out."""
         start = max(int(self.overlaps.argmax()) - 1, 0)
         still = np.zeros(press.model.space.shape[1]), np.zeros(self.mesh.points.size)
         last = before = rest = Solved(press.rest(self.centres[start]), *still)
@@ -174,26 +183,35 @@ class Estimator:
             if self.overlaps[frame] or last.state.pressure.any():
                 step = last.state.centre - before.state.centre
                 share = float((centre - last.state.centre) @ step / (step @ step)) if step.any() else 0.0
-                last, before = self._solved(press, centre, _sum([1 + share, -share], [last, before]), last), last
+                solved = self._solved(press, centre, _sum([1 + share, -share], [last, before]), last)
+                if solved is None:
+                    continue
+                last, before = solved, last
             if not last.state.pressure.any() and not self.overlaps[frame]:  # nothing holds the body away from rest
                 last = before = replace(rest, state=replace(rest.state, centre=centre))
             found[frame] = last
         return found
 
-    def _solved(self, press: Press, centre: Floats, guess: Solved, near: Solved) -> Solved:
-        """A pose, from a guess or, where that does not lead there, from another pose."""
-        c = guess.beyond
+    def _solved(self, press: Press, centre: Floats, guess: Solved, near: Solved) -> Solved | None:
+        """A pose, from a guess or, where that does not lead there, from another pose; None where neither does, or a cell is inside out."""
+        c, beyond, off = guess.beyond, [], []  # c as it was taken, as it then was, and what that was off
         state = press.newton(centre, guess.state, c) or press.advance(centre, near.state, c)
-        for left in reversed(range(ROUNDS)):
+        if state is None:
+            return None
+        while True:
             u = press.displacement(state).ravel()
             force = press.elastic.internal(u)
-            if not np.isfinite(force).all():  # a cell is inside out
-                return Solved(state, c, np.zeros_like(force))
-            known, c = c, press.model.space.T @ force - press.model.slope(state.q)
-            if not left or abs(press.model.space @ (c - known)).max() < EXACT * min(self.size, abs(u).max()):
+            if not np.isfinite(force).all():
+                return None
+            beyond.append(press.model.space.T @ force - press.model.slope(state.q))
+            off.append(beyond[-1] - c)
+            if len(off) == ROUNDS or abs(press.model.space @ off[-1]).max() < EXACT * min(self.size, abs(u).max()):
                 break
-            state = press.newton(centre, state, c) or state
-        return Solved(state, c, state.push - force)
+            c = _mixed(beyond, off)
+            if (closer := press.newton(centre, state, c)) is None:
+                break
+            state = closer
+        return Solved(state, beyond[-1], state.push - force)
 
     def frames(self, frames: Sequence[int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(F, N, 3) displacements [m] at some frames of the path, and the answers of the rest stiffness, turned with the body, to
@@ -212,8 +230,17 @@ class Estimator:
 
 def _answers(press: Press, solved: list[Solved]) -> Floats:
     """(k, M) [m] what the rest stiffness, turned with the body, answers to the forces that k poses leave over."""
+    if not solved:
+        return np.zeros((0, press.elastic.size))
     moved = np.array([press.displacement(one.state).ravel() for one in solved])
     return press.elastic.answers(moved, np.array([one.left for one in solved]))
+
+
+def _mixed(beyond: list[Floats], off: list[Floats]) -> Floats:
+    """c to be taken next: the sum of the last ones, shares one in total, that is off the least (Anderson 1965)."""
+    last = slice(-MIXED, None)
+    shares, *_ = np.linalg.lstsq(np.diff(off[last], axis=0).T, off[-1], rcond=1e-6)
+    return np.asarray(beyond[-1] - shares @ np.diff(beyond[last], axis=0))
 
 
 def _sum(shares: list[float], solved: list[Solved]) -> Solved:

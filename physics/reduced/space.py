@@ -3,7 +3,9 @@
     W(q) = 1/2 s^T G s,    s = (q_1 .. q_r, all products q_i q_j)
 
 is the energy of Saint Venant-Kirchhoff's law, exact in rotations: the strain E is linear and quadratic in q, so the matrix G
-of the energies between its parts is all that remains of the mesh. What the small space cannot do, local indentation above all,
+of the energies between its parts is all that remains of the mesh. It is summed over some points of integration, chosen by how much
+they count in the energies of the space (leverage scores); linear and quadratic strains of a point stay together, as only then a
+rotation costs nothing. What the small space cannot do, local indentation above all,
 is left to the rest stiffness: K^-1 - Phi Phi^T (Phi is orthonormal in K).
 
 The space is spanned by the answers to loads around the first touching point, and by the second and third derivatives along them,
@@ -12,21 +14,23 @@ which hold what finite rotation adds (foreshortening, and the change of bending 
     K u_i = l_i,    K u_ij = -f2(u_i, u_j),    K u_11j = -2 f2(u_j, u_11) - 4 f2(u_1, u_1j) - 3 f3(u_1, u_1, u_j)
 
 Legend: M = 3 N components, Q points of integration, r size of the space, m = r + r (r + 1) / 2.
-Source: Barbic and James 2005 (reduced polynomials, modal derivatives); Noor and Peters 1980 (path derivatives as a space).
+
+Source: Barbic and James 2005 (reduced polynomials, modal derivatives); Noor and Peters 1980 (path derivatives as a space); Drineas,
+Magdon-Ismail, Mahoney and Woodruff 2012 (leverage scores by random combinations).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import gcd
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.reduced.elastic import Elastic
+from physics.reduced.elastic import Elastic, symmetric
 
 Floats = NDArray[np.float64]
 POINTS = 1000  # of integration that the polynomial is made from, about
+DRAWN = 4  # displacements by which points are chosen
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # components of a strain
 INDEPENDENT = 1e-9  # of the energy of normed vectors: what lies below is rounding
 
@@ -37,15 +41,11 @@ class Reduced:
     def __init__(self, elastic: Elastic, vectors: Sequence[Floats]) -> None:
         """Args: vectors, (M,) each, zero on held components."""
         self._elastic = elastic
-        thin = max(1, round(len(elastic.weights) / POINTS))
-        while gcd(thin, elastic.per_cell) > 1:  # so that it meets all points of a cell
-            thin += 1
-        self._points = slice(thin // 2, None, thin)
-        weights, (lmbda, mu) = elastic.weights[self._points], elastic.lame[:, self._points]
-        weights = weights * (elastic.weights.sum() / weights.sum())
+        self.space = self._orthonormal(np.stack(vectors, axis=1))
+        self._points, weights = self._sample()
+        lmbda, mu = elastic.lame[:, self._points]
         # where only a negative lambda counts, it is left to what the body's own law has beyond the polynomial
         self._scale = np.sqrt(weights * np.maximum(lmbda + 2 * mu / 3, 0)).astype(np.float32), np.sqrt(weights * mu).astype(np.float32)
-        self.space = self._orthonormal(np.stack(vectors, axis=1))
         self._build()
 
     def _orthonormal(self, vectors: Floats) -> Floats:
@@ -55,6 +55,25 @@ class Reduced:
         energy, turn = np.linalg.eigh(vectors.T @ (stiffness @ vectors))
         keep = energy > INDEPENDENT * energy[-1]
         return vectors @ (turn[:, keep] / np.sqrt(energy[keep]))
+
+    def _sample(self) -> tuple[NDArray[np.int64], Floats]:
+        """Points of integration that stand for all, and the volume [m3] that each stands for.
+
+        A point is taken as often as it counts: by its mean share in the volume and in the energies of displacements drawn at random. Points
+        at even distances would not do: on a mesh of rows they may all lie in some of these.
+        """
+        elastic, r = self._elastic, self.space.shape[1]
+        volumes, (lmbda, mu) = elastic.weights, elastic.lame
+        if len(volumes) <= POINTS:
+            return np.arange(len(volumes)), volumes
+        strain = symmetric(elastic.gradients(self.space @ np.random.default_rng(0).normal(size=(r, DRAWN)), slice(None)).T)  # (Q, k, 3, 3)
+        energy = lmbda[:, None] * np.einsum("qkii->qk", strain) ** 2 + 2 * mu[:, None] * np.einsum("qkij,qkij->qk", strain, strain)
+        energy = abs(energy) * volumes[:, None]
+        share = volumes / volumes.sum() + (energy / energy.sum(axis=0)).sum(axis=1)
+        often = np.minimum(POINTS * share / (DRAWN + 1), 1)
+        points = np.flatnonzero(np.diff(np.floor(np.cumsum(often) + 0.5), prepend=0))
+        stands = volumes[points] / often[points]
+        return points, stands * (volumes.sum() / stands.sum())
 
     def _build(self) -> None:
         r = self.space.shape[1]
@@ -72,7 +91,6 @@ class Reduced:
             at += r - i
         flat = components.reshape(len(components), -1)
         self._gram = (flat @ flat.T).astype(np.float64)
-        self._gram[:r, :r] = np.eye(r)  # as it is with all points
         self._pair, self._twice = np.empty((r, r), np.int64), 1.0 + np.eye(r)
         self._pair[self._first, self._second] = self._pair[self._second, self._first] = np.arange(r, len(flat))  # the row of q_i q_j
         self._columns = (self._gram[:, self._pair] * self._twice).reshape(-1, r)  # (m r, r) so that times q it is G's part of products
