@@ -18,12 +18,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from datagen.files.prediction import finite
 from datagen.scene_verbs import add_scene_verbs
 from datagen.verbs import VERBS, add_data_verbs
 from datagen.ways import EXAMPLES, Completion, Version
 from learning.verbs import add_learning_verbs
-from physics.schema import InputError, WorkError
+from physics.schema import InputError, WorkError, finite
 
 Options = argparse.Namespace
 # Under mpirun of Open MPI or MPICH, or under torchrun, which only train knows; only the first process speaks.

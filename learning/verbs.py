@@ -161,8 +161,7 @@ def calibrate(options: Options, *, say: Say, writable: Writable) -> dict[str, An
 
 
 def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
-    """A trained network's prediction of a whole trajectory, on request corrected by Newton steps."""
-    from datagen.files.prediction import read_truth
+    """A trained network's prediction of a whole trajectory, on request corrected by Newton steps; without these no solver is needed."""
     from datagen.files.trajectory import read_sound, write_trajectory
     from datagen.flow.figures import predicted_nodes, resting
     from learning.prediction.checkpoint import load_model
@@ -170,7 +169,11 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
     from physics.mesh.quality import rmsd, rmse
 
     model = load_model(options.run, options.device)
-    truth = read_truth(options.trajectory) if options.correct else None
+    truth = None
+    if options.correct:
+        from datagen.files.prediction import read_truth
+
+        truth = read_truth(options.trajectory)
     trajectory = truth[0] if truth else read_sound(options.trajectory)
     out = writable(options.out, ".vtkhdf")
     if out.resolve() == Path(options.trajectory).resolve():

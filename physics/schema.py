@@ -217,3 +217,12 @@ def _value(hint: Any, value: Any, where: str) -> Any:
         wanted = {float: "a number", int: "an integer", str: "a string", bool: "a boolean"}[hint]
         raise InputError(f"{where} must be {wanted}, not {_name(value)}")
     return value
+
+
+def finite(value: Any) -> Any:
+    """The same value with None for numbers that JSON has no word for."""
+    if isinstance(value, dict):
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from datagen.files import prediction
-from datagen.files.prediction import finite, lines, mistaken, read_truth, verify_files
+from datagen.files.prediction import lines, mistaken, read_truth, verify_files
 from datagen.files.trajectory import write_trajectory
 from physics.fidelity.figures import FIGURES
-from physics.schema import InputError
+from physics.schema import InputError, finite
 from tests.unsolved import scene, trajectory
 
 

@@ -10,7 +10,6 @@ import pytest
 import torch
 
 import fidelity
-from datagen.files.prediction import finite
 from learning.config import Outputs, TrainConfig
 from learning.networks.m4gn import M4GNConfig
 from learning.networks.rivals.bsms import BSMSConfig
@@ -22,7 +21,7 @@ from learning.study.run import read_study, run_study
 from learning.study.table import Score, check_published, gathered, markdown
 from learning.study.work import Training, carried_out, step_memory, step_ms, still
 from learning.training import train as loop
-from physics.schema import InputError
+from physics.schema import InputError, finite
 from tests.five_nodes import square_flow, write_set
 from tests.synthetic import bending
 

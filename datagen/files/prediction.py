@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,16 +18,7 @@ from physics.fidelity.figures import FIGURES, Column, field_columns, gathered, o
 from physics.fidelity.verify import as_table, verify
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
-from physics.schema import InputError
-
-
-def finite(value: Any) -> Any:
-    """The same value with None for numbers that JSON has no word for."""
-    if isinstance(value, dict):
-        return {key: finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+from physics.schema import InputError, finite
 
 
 def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:

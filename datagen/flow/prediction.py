@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datagen.files.places import remarks_on_file
-from datagen.files.prediction import ending, finite, over_files, together
+from datagen.files.prediction import ending, over_files, together
 from datagen.files.prediction import verify_files as verify_solids
 from datagen.files.trajectory import Trajectory, read_sound, read_trajectory
 from datagen.flow.figures import predicted_nodes, resting
@@ -25,7 +25,7 @@ from physics.flow.space import FlowSpace
 from physics.flow.stored import computed_mesh, stored
 from physics.mesh.mesh import Mesh
 from physics.scene import FlowScene, scene_of
-from physics.schema import InputError
+from physics.schema import InputError, finite
 
 Floats = NDArray[np.float64]
 SAMPLE = 60  # frames whose equations are looked at

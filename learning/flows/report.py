@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datagen.files.prediction import finite
 from datagen.files.provenance import machine
 from datagen.flow.prediction import FlowTruth
 from learning.flows.rivals import IDLE
 from learning.report.pareto import pareto_picture
 from learning.report.table import KINDS, Row
 from physics.fidelity.figures import FLOW, Column, shown
+from physics.schema import finite
 from physics.view import flow_film, shell
 from physics.whole import write_whole
 

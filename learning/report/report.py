@@ -22,7 +22,6 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from datagen.files.prediction import finite
 from learning.report.pareto import COLOURS, measure_of, pareto_picture
 from learning.report.table import (
     COLUMNS,
@@ -40,6 +39,7 @@ from learning.report.table import (
     told,
 )
 from learning.samples.seen import ALARM
+from physics.schema import finite
 from physics.view import Exhibit, section, shell
 
 HERE = Path(__file__).parent

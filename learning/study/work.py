@@ -20,7 +20,6 @@ from typing import Any
 import torch
 
 from datagen.family.family import merged
-from datagen.files.prediction import finite
 from datagen.files.trajectory import read_sound, read_trajectory
 from datagen.sets.dataset import files
 from learning.config import TrainConfig
@@ -39,7 +38,7 @@ from learning.samples.samples import all_frames, load_examples, sample
 from learning.study.plan import Trial, slug
 from learning.training.curve import read_curve
 from learning.training.train import train
-from physics.schema import read_table, to_table
+from physics.schema import finite, read_table, to_table
 from physics.whole import write_whole
 
 SHAPES = 50  # frames of a trajectory at which the deformed mesh is looked at
