@@ -13,6 +13,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import torch
@@ -62,15 +63,16 @@ class Replays:
     def __init__(self, run: Callable[[Any], Tensor], device: torch.device) -> None:
         """run: takes what consists of tensors on the device, as a batch or a graph, gives a tensor; never waits for the device."""
         self.run, self.device, self.stream, self.failed = run, device, torch.cuda.Stream(device), False
-        self.recorded: dict[tuple[torch.Size, ...], tuple[torch.cuda.CUDAGraph, list[Tensor], Tensor]] = {}
+        self.recorded: dict[tuple[Any, ...], tuple[torch.cuda.CUDAGraph, list[Tensor], Tensor]] = {}
 
     def __call__(self, value: Any) -> Tensor:
         """What `run` gives; read it before the next call.
 
         value: on any device, in pinned memory best
         """
-        given = _tensors(value)
-        sizes = tuple(tensor.shape for tensor in given)
+        parts = list(_parts(value))
+        given = [part for part in parts if isinstance(part, Tensor)]
+        sizes = tuple(part.shape if isinstance(part, Tensor) else part for part in parts)  # numbers beside tensors are recorded, too
         if sizes not in self.recorded:
             return self._first(mapped(value, lambda tensor: tensor.to(self.device, copy=True)), sizes)
         graph, places, told = self.recorded[sizes]
@@ -79,7 +81,7 @@ class Replays:
         graph.replay()
         return told
 
-    def _first(self, here: Any, sizes: tuple[torch.Size, ...]) -> Tensor:
+    def _first(self, here: Any, sizes: tuple[Any, ...]) -> Tensor:
         self.stream.wait_stream(torch.cuda.current_stream(self.device))
         with torch.cuda.stream(self.stream):
             told = self.run(here).clone()
@@ -94,12 +96,17 @@ class Replays:
             self.failed = True
             warnings.warn(f"no CUDA graph: {str(error).splitlines()[0]}; kernels are started one by one", stacklevel=2)
         else:
-            self.recorded[sizes] = graph, _tensors(here), recorded
+            self.recorded[sizes] = graph, [part for part in _parts(here) if isinstance(part, Tensor)], recorded
         return told
 
 
-def _tensors(value: Any) -> list[Tensor]:
-    """All tensors of it."""
-    found: list[Tensor] = []
-    mapped(value, lambda tensor: found.append(tensor) or tensor)  # type: ignore[func-returns-value]
-    return found
+def _parts(value: Any) -> Iterator[Any]:
+    """All that it consists of."""
+    if isinstance(value, tuple):
+        for part in value:
+            yield from _parts(part)
+    elif is_dataclass(value):
+        for each in fields(value):
+            yield from _parts(getattr(value, each.name))
+    else:
+        yield value

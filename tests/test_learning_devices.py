@@ -163,6 +163,16 @@ def test_what_was_recorded_is_replayed_with_what_is_given_then(cuda):
     assert first[0].data_ptr() != given[0][0].data_ptr() and again[0].data_ptr() == first[0].data_ptr()
 
 
+def test_numbers_beside_tensors_are_recorded_with_them(cuda):
+    def told(value):
+        return value[0].sum() * value[1]
+
+    cuda.Recording.replays = replays = Replays(told, torch.device("cpu"))
+    for number in (2, 3):
+        replays((torch.ones(3), number))
+    assert [sizes[1] for sizes in replays.recorded] == [2, 3]
+
+
 def test_what_cannot_be_recorded_is_done_as_it_is_and_said_once(cuda, monkeypatch):
     @contextmanager
     def graph(*given, **rest):
