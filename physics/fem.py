@@ -123,12 +123,11 @@ class Space:
         domain: the dolfinx mesh
         V: its function space
         comm: MPI.COMM_SELF, or MPI.COMM_WORLD when the space is spread over all processes
-        components: D
-        order: of the polynomials
+        components: D; order: of the polynomials
+        graph: for one process, where the blocks are (B, 3) [m] and those of each cell (C, n)
         nodes: (B,) the node of our mesh behind each block of D degrees of freedom, -1 where it is none (order 2 on cells of first order)
         dofs: (N, D) the degrees of freedom of each node of our mesh; -1 for those of other processes
-        owned: how many of the blocks are this process's own
-        degrees: of the quadrature of stiffness and mass
+        owned: how many of the blocks are this process's own; degrees: of the quadrature of stiffness and mass
     """
 
     def __init__(self, mesh: Mesh, *, order: int = 1, components: int | None = None, spread: bool = False) -> None:
@@ -173,6 +172,7 @@ class Space:
         self.dofs = np.full((len(mesh.points), D), -1, np.int64)
         ours = np.flatnonzero(self.nodes >= 0)
         self.dofs[self.nodes[ours]] = D * ours[:, None] + np.arange(D)
+        self.graph = (self.coordinates(), blocks) if self.comm.size == 1 else None
 
     def within(self, entities: Entities) -> NDArray[np.bool_]:
         """(B,) True on the blocks that lie on some vertices, edges, faces or cells of our mesh."""

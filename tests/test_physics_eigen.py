@@ -202,7 +202,7 @@ def test_residuals_are_what_is_missing_over_scale_and_inertia():
     expected = [np.linalg.norm(K @ x - value * M @ x) / (scale * np.linalg.norm(M @ x))
                 for x, value, scale in zip(vectors, values, scales, strict=True)]
     assert eigen.residuals_of(petsc(K), petsc(M), values, rows, scales) == pytest.approx(expected, rel=1e-12)
-    wide = direct._extended(petsc(K))(vectors[0].astype(np.longdouble))
+    wide = direct._extended(petsc(K)) @ vectors[0].astype(np.longdouble)
     assert wide.dtype == np.longdouble and wide.astype(float) == pytest.approx(K @ vectors[0], rel=1e-14)
     K = np.diag([2.0, 9.0, 8.0])
     assert eigen.largest(petsc(K), petsc(np.diag([1.0, 3.0, 2.0]))) == 4.0

@@ -9,5 +9,5 @@
     rows         what share of a stiffness a process has
     multigrid    conjugate gradients where a factor is too large
     factor       which of all these a body gets, and what a factor can do
-    eigen/       the lowest eigenpairs, by SLEPc
+    eigen/       the lowest eigenpairs
 """

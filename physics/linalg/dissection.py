@@ -38,7 +38,7 @@ PART = np.dtype([(name, np.int64) for name in COLUMNS])
 # One row of `Shares.task`: the parts from `first` up to `last`, how many tasks it waits for, which one waits for it, and its operations.
 TASK = np.dtype([(name, np.int64) for name in ("first", "last", "waits", "next", "work")])
 PIECES = 1.5  # subtrees for each thread, at least: more would share the work better, in more memory
-ROUTINES = ("potrf", "trsm", "syrk", "gemm", "trsv", "gemv")
+ROUTINES = ("potrf", "trsm", "syrk", "gemm", "trsv", "gemv", "sytrf", "sytrs2")
 
 SOURCE = (Path(__file__).parent / "dissection.cpp").read_text()
 
@@ -165,8 +165,12 @@ def slots(dissection: Dissection, rows: Integers, columns: Integers) -> Integers
     number = owner[column]
     part = d.part[number]
     keys = np.repeat(np.arange(len(d.part)), d.part["rest"] // 3) * len(owner) + d.boundary
-    outside = np.searchsorted(keys, number * len(owner) + row) - part["boundary"] + part["own"] // 3
-    local = np.where(owner[row] == number, row - part["first"], outside)
+    key = number * len(owner) + row
+    found = np.searchsorted(keys, key)
+    inside = owner[row] == number
+    if not (inside | (np.append(keys, -1)[found] == key)).all():
+        raise ValueError("an entry of nodes that have no cell in common")
+    local = np.where(inside, row - part["first"], found - part["boundary"] + part["own"] // 3)
     return part["panel"] + (early - 3 * part["first"]) * (part["own"] + part["rest"]) + 3 * local + late % 3
 
 
@@ -216,14 +220,18 @@ def _library(single: bool) -> ctypes.CDLL:
     return compiled(f"typedef {'float' if single else 'double'} Real;\n" + SOURCE)
 
 
-def factored(dissection: Dissection, values: Numbers, work: Numbers, each: int = 3, shares: Shares | None = None) -> bool:
+def factored(dissection: Dissection, values: Numbers, work: Numbers, each: int = 3, shares: Shares | None = None,
+             count: tuple[Integers, Floats] | None = None) -> bool:
     """Turn the entries in the panels' `values` into those of the factor, with 3 or 1 unknowns a node; False when there is none.
 
-    Args: work: of `memory` numbers, the shares' or where there are none the dissection's
+    Args:
+        work: of `memory` numbers, the shares' or where there are none the dissection's
+        count: zeros, to become each part's (P,) negative eigenvalues and (P,) by how much it changes the diagonal of later parts;
+            parts need not be positive definite then, and `values` become no factor
     """
     d, shares = dissection, shares or shared(dissection, 1)
-    return bool(_library(values.dtype == np.float32).factor(
-        ctypes.c_int(each), *_given(shares), pointer(shares.part), pointer(d.children), pointer(d.at), pointer(values), pointer(work)))
+    tables = [*map(pointer, (shares.part, d.children, d.at, values, work)), *(map(pointer, count) if count else (None, None))]
+    return bool(_library(values.dtype == np.float32).factor(ctypes.c_int(each), *_given(shares), *tables))
 
 
 def _given(shares: Shares) -> tuple[ctypes.c_int64, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p]:

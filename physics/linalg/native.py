@@ -25,6 +25,7 @@ from physics.threads import loaded
 # number of the whole process zero, also in other libraries (scipy's search trees abort on that).
 APART = "linked apart"
 ROUNDED = ["-O3", "-march=native", "-ffp-contract=off"]  # each product and each sum is rounded by itself, in the order that is written
+LAPACK = ("potrf", "sytrf", "sytrs2")  # the rest is BLAS
 LINK = ["-lmvec"] if platform.machine() == "x86_64" else []  # glibc's functions of several numbers at once
 
 
@@ -62,7 +63,7 @@ def blas(name: str, thread: int = 0) -> int:
     """
     if thread and (library := _copied(thread)):
         return ctypes.cast(library[name + "_"], ctypes.c_void_p).value or 0
-    capsule = (cython_lapack if name.endswith("potrf") else cython_blas).__pyx_capi__[name]
+    capsule = (cython_lapack if name[1:] in LAPACK else cython_blas).__pyx_capi__[name]
     python = ctypes.pythonapi
     python.PyCapsule_GetName.restype, python.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
     python.PyCapsule_GetPointer.restype, python.PyCapsule_GetPointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]

@@ -171,7 +171,7 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
                 free[inside, "xyz".index(letter)] = False
     zeros = sum(rigid_motions_left(replace(mesh, points=mesh.points[part]), fixed[part]) for part in pieces(mesh))
     return Problem(stiffness=stiffness, mass=mass, free=free.ravel(), zeros=zeros, scale=_first_bending(scene, mesh),
-                   dimension=mesh.dimension, near_null=_rigid_motions(space)), space
+                   dimension=mesh.dimension, near_null=_rigid_motions(space), graph=space.graph if mesh.dimension == 3 else None), space
 
 
 def _orthotropic(scene: Scene) -> bool:

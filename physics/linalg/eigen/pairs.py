@@ -17,6 +17,9 @@ from slepc4py import SLEPc
 
 Floats = NDArray[np.float64]
 
+Known = tuple[Floats, Floats]  # eigenvalues (m,), in rising order, and vectors (m, n)
+
+EPS = float(np.finfo(float).eps)
 GOAL = 1e-8
 GAP = 0.02  # relative, of one value to the next
 
@@ -31,6 +34,7 @@ class Problem:
     scale: the order of magnitude of the lowest eigenvalue above zero
     dimension: of the body, 2 or 3
     near_null: (k, n_local) what K hardly resists, for multigrid
+    graph: of three components at each of N nodes of a solid that one process has: where the nodes are (N, 3), and those of each cell (C, n)
     """
 
     stiffness: PETSc.Mat
@@ -40,6 +44,7 @@ class Problem:
     scale: float
     dimension: int
     near_null: Floats
+    graph: tuple[Floats, NDArray[np.int32]] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
