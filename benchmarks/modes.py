@@ -28,7 +28,7 @@ from physics.modes.elastic import elastic_modes, elastic_problem
 from physics.scene import Scene, read_scene
 
 CELLS = {"5k": (30, 6, 6), "20k": (55, 10, 10), "50k": (75, 14, 14), "500k": (165, 33, 33)}
-REPEATS = {"5k": 7, "20k": 5, "50k": 5}
+REPEATS = {"5k": 5, "20k": 3, "50k": 3}
 
 
 def beam(cells: tuple[int, int, int], cell: str = "hexahedron", length: float = 0.1, *, free: bool = False) -> Scene:

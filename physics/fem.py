@@ -124,7 +124,7 @@ class Space:
         V: its function space
         comm: MPI.COMM_SELF, or MPI.COMM_WORLD when the space is spread over all processes
         components: D; order: of the polynomials
-        graph: for one process, where the blocks are (B, 3) [m] and those of each cell (C, n)
+        cells: (C, n) the blocks of each cell
         nodes: (B,) the node of our mesh behind each block of D degrees of freedom, -1 where it is none (order 2 on cells of first order)
         dofs: (N, D) the degrees of freedom of each node of our mesh; -1 for those of other processes
         owned: how many of the blocks are this process's own; degrees: of the quadrature of stiffness and mass
@@ -161,7 +161,7 @@ class Space:
             geometry = geometry.array.reshape(-1, cells.shape[1])
             blocks = blocks.array.reshape(len(geometry), -1)
         index_map = self.V.dofmap.index_map
-        self.owned = index_map.size_local
+        self.owned, self.cells = index_map.size_local, blocks
         corners = np.asarray(self.domain.geometry.input_global_indices)[geometry[:, :own.corners]]  # (cells, k) in dolfinx's order
         self._entities = _entities(corners, blocks, kind, self.V.dofmap.dof_layout) if order == 2 else {}
         first = blocks[:, : corners.shape[1]] if order == 1 else self._entities[1][0]
@@ -172,7 +172,6 @@ class Space:
         self.dofs = np.full((len(mesh.points), D), -1, np.int64)
         ours = np.flatnonzero(self.nodes >= 0)
         self.dofs[self.nodes[ours]] = D * ours[:, None] + np.arange(D)
-        self.graph = (self.coordinates(), blocks) if self.comm.size == 1 else None
 
     def within(self, entities: Entities) -> NDArray[np.bool_]:
         """(B,) True on the blocks that lie on some vertices, edges, faces or cells of our mesh."""

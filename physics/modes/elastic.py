@@ -169,9 +169,10 @@ def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[
         for letter in support.fixed:
             if "xyz".index(letter) < mesh.dimension:
                 free[inside, "xyz".index(letter)] = False
+    graph = (space.coordinates(), space.cells) if mesh.dimension == 3 and space.comm.size == 1 else None
     zeros = sum(rigid_motions_left(replace(mesh, points=mesh.points[part]), fixed[part]) for part in pieces(mesh))
     return Problem(stiffness=stiffness, mass=mass, free=free.ravel(), zeros=zeros, scale=_first_bending(scene, mesh),
-                   dimension=mesh.dimension, near_null=_rigid_motions(space), graph=space.graph if mesh.dimension == 3 else None), space
+                   dimension=mesh.dimension, near_null=_rigid_motions(space), graph=graph), space
 
 
 def _orthotropic(scene: Scene) -> bool:

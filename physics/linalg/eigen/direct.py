@@ -37,7 +37,7 @@ def with_factor(problem: Problem, count: int, unknowns: int) -> Pairs:
         try:
             return _lowest(BlockLanczos(problem), problem, count, unknowns)
         except (ArithmeticError, ValueError, RuntimeError):
-            pass  # MUMPS can
+            pass  # MUMPS may
     inverse = KrylovSchur(problem)
     try:
         return _lowest(inverse, problem, count, unknowns)
@@ -63,8 +63,6 @@ def _lowest(inverse: Inverse, problem: Problem, count: int, unknowns: int) -> Pa
             shift = -reference / 10
         else:
             break
-    residuals = scales = np.empty(0)
-    refined = False
     for search in range(SEARCHES + 1):
         is_zero, reference = which_are_zero(values, noise, shift or problem.scale, bool(shift))
         scales = np.where(is_zero, reference, abs(values))[:count]
