@@ -58,6 +58,8 @@ class Dissected(Panels):
 class BlockLanczos:
     """The pairs of a problem with a graph. Held components stay in, as rows of the identity."""
 
+    name = "block Lanczos, shift and invert with a factor by nested dissection"
+
     def __init__(self, problem: Problem) -> None:
         """Raises `ValueError` where an entry couples nodes that have no cell in common."""
         assert problem.graph is not None
@@ -88,7 +90,6 @@ class BlockLanczos:
         diagonals = self._stiffness.diagonal()[self.free], mass.diagonal()[self.free]
         self.largest, self._lightest = float((diagonals[0] / diagonals[1]).max()), float(diagonals[1].min())
         self._shift = np.nan  # of the factor that there is
-        self.name = "block Lanczos, shift and invert with a factor by nested dissection"
 
     def factor(self, shift: float) -> None:
         """Have the factor of K - shift M."""
@@ -136,9 +137,6 @@ class BlockLanczos:
         inertia = self._weigh(vectors.T)
         left = (self._stiffness @ vectors.T) * self.free[:, None] - values * inertia
         return np.linalg.norm(left, axis=0) / (scales * np.linalg.norm(inertia, axis=0))
-
-    def destroy(self) -> None:
-        """There is nothing that Python does not give back by itself."""
 
     def _fill(self, shift: float) -> None:
         values = self._panels.values
