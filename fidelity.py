@@ -13,6 +13,7 @@ import math
 import os
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -134,7 +135,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if PROCESSES > 1 and options.verb not in (("train",) if TOGETHER else ("modes", "simulate")):
             raise InputError(f"{options.verb} runs as one process; several share modes and simulate (mpirun) and train (torchrun)")
-        with np.errstate(all="ignore"):  # what overflows is found in the results, and said there in words
+        # What overflows is found in the results, and said there in words. A predictor of the user's may print.
+        with np.errstate(all="ignore"), redirect_stdout(sys.stderr if options.json else sys.stdout):
             result = options.verb_function(options)
         if options.json and RANK == 0:
             print(json.dumps(finite(result)))
