@@ -11,10 +11,15 @@ import errno
 import json
 import math
 import os
+import signal
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, NoReturn
+
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # stopped while its libraries are loaded it ends at once, without a traceback
 
 import numpy as np
 
@@ -133,7 +138,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if PROCESSES > 1 and options.verb not in (("train",) if TOGETHER else ("modes", "simulate")):
             raise InputError(f"{options.verb} runs as one process; several share modes and simulate (mpirun) and train (torchrun)")
-        with np.errstate(all="ignore"):  # what overflows is found in the results, and said there in words
+        # What overflows is found in the results, and said there in words. A predictor of the user's may print.
+        with np.errstate(all="ignore"), redirect_stdout(sys.stderr if options.json else sys.stdout):
             result = options.verb_function(options)
         if options.json and RANK == 0:
             print(json.dumps(finite(result)))
@@ -269,4 +275,6 @@ def _positive(text: str) -> int:
 
 
 if __name__ == "__main__":
+    if signal.getsignal(signal.SIGINT) == signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.exit(main())

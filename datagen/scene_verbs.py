@@ -258,7 +258,7 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
               "smallest_det_f": float(solution.smallest_det_f.min()), "reaction": solution.reaction[1:].tolist(),
               **{name: rows[1:].tolist() for name, rows in trajectory.per_frame.items() if name.startswith(("obstacle", "reaction_"))},
               "model": trajectory.extra["model"], "linear_steps": solution.linear_steps, "seconds": solution.seconds,
-              "resumed_after_step": solution.resumed, "remarks": [*solution.mesh.remarks, *solution.stiff(scene)]}
+              "resumed_after_step": solution.resumed, "remarks": [*solution.mesh.remarks, *solution.idle(scene), *solution.stiff(scene)]}
     say(f"{steps} steps in {solution.seconds:.2f} s, {result['newton_iterations']} Newton steps, "
         f"{solution.factorisations} factorisations, largest reaction {abs(solution.reaction).max():.4g} N: {out}")
     for what, why in result["model"].items():

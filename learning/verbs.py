@@ -191,7 +191,9 @@ def rollout(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]
         say(f"{len(prediction.displacement) - start} steps, RMSE of the velocity over all of them {error:.4g} m/s: {out}")
         return {"steps": len(prediction.displacement) - start, "velocity_rmse_all": error, **prediction.extra}
     error = rmsd(prediction.displacement[1:], trajectory.displacement[1:], trajectory.free)
-    say(f"{len(prediction.displacement) - 1} steps, RMSD over all of them {1e3 * error:.3f} mm: {out}")
+    unsure = prediction.extra.get("unsure_frames")
+    say(f"{len(prediction.displacement) - 1} steps, RMSD over all of them {1e3 * error:.3f} mm"
+        + ("" if unsure is None else f"; the predictor is unsure of {unsure}") + f": {out}")
     return {"steps": len(prediction.displacement) - 1, "rmsd_all": error, **prediction.extra}
 
 

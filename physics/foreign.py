@@ -12,11 +12,15 @@ import numpy as np
 
 from physics.schema import InputError
 
+BEHIND_END = 100  # lines
+CUT_SHORT = "it is cut short: it ends where more is expected"
+
 
 def read_foreign(path: Path) -> Any:
     """What meshio makes of a file, a `meshio.Mesh`. Raises `InputError` with meshio's own reason for one that it does not read."""
     import meshio
 
+    _know_ends()
     said = io.StringIO()
     try:
         with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -34,3 +38,40 @@ def read_foreign(path: Path) -> Any:
     if "cannot handle" in said.getvalue():  # and leaves out
         raise InputError("has cells of a kind that meshio cannot handle")
     return found
+
+
+def _know_ends() -> None:
+    """Give meshio files that say so when they are read behind their end: some of its readers ask for the next line for ever."""
+    from meshio import _files
+    from meshio.tetgen import _tetgen
+
+    _files.open = _tetgen.open = _opened
+
+
+def _opened(path: Path | str, mode: str = "r", **options: Any) -> Any:
+    if mode not in ("r", "rb"):
+        return open(path, mode, **options)
+    found = _Bytes(io.FileIO(path))
+    return found if mode == "rb" else _Text(found, **options)
+
+
+class _Bytes(io.BufferedReader):
+    idle = 0  # lines that were asked for behind the end, one after the other
+
+    def readline(self, size: int | None = -1, /) -> bytes:
+        line = super().readline(size)
+        self.idle = 0 if line else self.idle + 1
+        if self.idle > BEHIND_END:
+            raise EOFError(CUT_SHORT)
+        return line
+
+
+class _Text(io.TextIOWrapper):
+    idle = 0
+
+    def readline(self, size: int = -1, /) -> str:  # type: ignore[override]
+        line = super().readline(size)
+        self.idle = 0 if line else self.idle + 1
+        if self.idle > BEHIND_END:
+            raise EOFError(CUT_SHORT)
+        return line

@@ -72,6 +72,15 @@ class Solution:
         """(T,) smallest det F of all cells, as in `mesh.quality.det_f`."""
         return smallest_det_f(self.mesh, self.displacement)
 
+    def idle(self, scene: Scene) -> tuple[str, ...]:
+        """A remark when nothing moves: as where an obstacle's path is in another unit than the body."""
+        if self.failure or self.displacement.any():
+            return ()
+        points = self.mesh.points
+        low, high = ("(" + ", ".join(f"{x:.4g}" for x in corner) + ")" for corner in (points.min(axis=0), points.max(axis=0)))
+        why = "no obstacle reaches the body" if scene.obstacles else "no load and no support moves the body"
+        return (f"nothing moves: {why}, which lies between {low} and {high} m",)
+
     def stiff(self, scene: Scene) -> tuple[str, ...]:
         """A remark when the cells of its scene are much too stiff for what it does (modes/locking.py)."""
         return said_of_path(scene, self.mesh, self.displacement, self.energy, self.linear_steps)

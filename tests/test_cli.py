@@ -1,6 +1,10 @@
 """The command line, as a user types it: the whole line on tiny scenes, JSON, exit statuses."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import h5py
@@ -227,3 +231,14 @@ def test_bad_input_ends_in_one_line_and_status_2(capsys, scene, tmp_path, monkey
     assert status == 2 and out == ""
     assert err.count("\n") == 1 and words in err
     assert {path.name for path in tmp_path.iterdir()} == {"scene.toml"}  # nothing is left behind
+
+
+@pytest.mark.parametrize("seconds", [0.3, 0.6])
+def test_a_stop_while_libraries_are_loaded_leaves_no_traceback(scene, tmp_path, seconds):
+    """They take some two seconds. Wherever the stop comes, the signal itself or our own word ends the program."""
+    started = subprocess.Popen([sys.executable, ROOT / "fidelity.py", "simulate", scene, "--out", tmp_path / "a.vtkhdf"], text=True,
+                               stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+    time.sleep(seconds)
+    started.send_signal(signal.SIGINT)
+    said = started.communicate(timeout=60)[1]
+    assert (started.returncode, said) in ((-signal.SIGINT, ""), (130, "fidelity: stopped; finished files are kept\n"))

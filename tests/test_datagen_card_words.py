@@ -139,7 +139,7 @@ def test_what_was_solved_again_is_in_the_card(tmp_path, monkeypatch):
     assert calls == [(1, 0)]  # ten are asked for, there is one
     assert "for a sample of 1;" in text and "| mesh rmse | 0.5 | 0.25 | 0.125 | 1 | m |" in text
     assert "\nNot solved on the finer cells: too thin\n" in text and "No scene failed." in text and "solver noise" not in text
-    assert "reaction largest" not in text and text.splitlines()[14].startswith("---") and " 1 trajectories of 2 steps (test 1)," in text
+    assert "reaction largest" not in text and text.splitlines()[14].startswith("---") and "\n1 trajectories of 2 steps (test 1)," in text
 
 
 def test_one_failure_is_one_scene(tmp_path):
@@ -171,3 +171,8 @@ def test_leaves_of_a_family():
     assert list(_leaves({"a": {"b": 1.5, "c": [1, 2]}, "d": [{"e": "x"}, {"f": {"choice": [[1], "y"]}}], "g": True})) == [
         ("a.b", "1.5"), ("a.c", "[1, 2]"), ("d[0].e", "x"), ("d[1].f", 'one of [1], "y"'), ("g", "true")]
     assert card.LICENSE == "mit" and json.dumps("x") == '"x"'
+
+
+def test_a_family_without_a_first_comment_begins_with_the_number(tmp_path):
+    write_set(tmp_path, {"train/0000.vtkhdf": tiny()}, family=FAMILY[FAMILY.index("[body]"):])
+    assert "1 trajectories of 2 steps (train 1)," in write_card(tmp_path, refined=0).read_text().splitlines()

@@ -166,3 +166,15 @@ def test_a_box_and_a_mesh_are_turned_about_the_normal_of_the_face_and_touch_wher
         assert abs(placed(whole)["path"][0][2] - 2.0 * (face == "z-max")) == pytest.approx(height)
     with pytest.raises(InputError, match="give either axis or place.turn"):
         placed(whole | {"obstacle": tilted | {"place": {"depth": 0.5, "turn": 3.0}}})
+
+
+@pytest.mark.parametrize(("shape", "face", "axis"), [
+    ("cylinder", "y-max", [0, 0, 1]), ("cylinder", "y-min", [0, 0, 1]), ("cylinder", "x-max", None), ("cylinder", "z-min", None),
+    ("capsule", "y-max", None)])
+def test_a_cylinder_without_an_axis_lies_in_any_face(shape, face, axis):
+    given = table({"face": face, "depth": 0.01}, shape, radius=0.02, **({"length": 0.03} if shape == "capsule" else {}))
+    assert placed(given).get("axis") == axis  # None: the obstacle's own default, y, which lies in the face or may be upright there
+    along = "xyz".index(face[0])
+    start = placed(given)["path"][0][along]
+    reach = 0.02 if shape == "cylinder" else 0.035
+    assert start == pytest.approx(-reach if face.endswith("min") else SIDES[along] + reach)

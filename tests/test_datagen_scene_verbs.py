@@ -120,7 +120,7 @@ def asked(monkeypatch, tmp_path):
     solution = SimpleNamespace(displacement=np.zeros((4, 16, 3)), seconds=0.6, newton_iterations=np.array([0, 2, 3, 4]), factorisations=1,
                                failure="", resumed=0, relative_residual=np.zeros(4), penetration=np.zeros(4), smallest_det_f=np.ones(4),
                                reaction=np.zeros((4, 3)), linear_steps=0, mesh=SimpleNamespace(remarks=("odd",)),
-                               stiff=lambda scene: ("stiff",))
+                               stiff=lambda scene: ("stiff",), idle=lambda scene: ())
 
     def solve(scene, **how):
         given.how = how

@@ -110,7 +110,7 @@ class Client:
 
     def __init__(self, address, timeout, set_as_default):
         assert (timeout, set_as_default) == (10, False)
-        if address == "nowhere":
+        if address == "nowhere:1":
             raise OSError("nobody")
         self.submitted, self.cancelled = [], []
         Client.last = self
@@ -144,7 +144,7 @@ def cluster(monkeypatch):
     return distributed
 
 
-def ask(folder, address="there", function=str):
+def ask(folder, address="there:1", function=str):
     return list(on_cluster(function, [1, 2, 3], address, prepare=(len, "scenes"), folder=folder))
 
 
@@ -155,8 +155,11 @@ def test_a_cluster_is_prepared_once_a_machine_and_each_job_keeps_its_result(clus
 
 
 def test_a_cluster_without_workers_or_with_threads_is_refused(cluster, tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="--cluster nowhere: no Dask scheduler there: nobody"):
-        ask(tmp_path, "nowhere")
+    with pytest.raises(InputError, match="--cluster nowhere:1: no Dask scheduler there: nobody"):
+        ask(tmp_path, "nowhere:1")
+    for address in ("nowhere", "nowhere:1x"):  # Dask tries such a one for 20 s, and ends in a traceback of its own
+        with pytest.raises(InputError, match=f"--cluster {address}: must be the address of a Dask scheduler, such as tcp://host:8786"):
+            ask(tmp_path, address)
     for threads, words in (({}, "no workers"), ({"tcp://a:1": 1, "tcp://b:1": 2}, "several threads")):
         monkeypatch.setattr(Client, "threads", threads)
         with pytest.raises(InputError, match=words):
@@ -182,8 +185,8 @@ def test_a_cluster_that_is_lost_says_that_what_is_finished_is_kept(cluster, tmp_
     from distributed.comm import CommClosedError
     from distributed.scheduler import KilledWorker
 
-    for fault, words in ((KilledWorker.__new__(KilledWorker), "lost again and again"), (asyncio.CancelledError(), "at there is gone"),
-                         (CommClosedError(), "at there is gone"), (ValueError("own"), "own")):
+    for fault, words in ((KilledWorker.__new__(KilledWorker), "lost again and again"), (asyncio.CancelledError(), "at there:1 is gone"),
+                         (CommClosedError(), "at there:1 is gone"), (ValueError("own"), "own")):
         monkeypatch.setattr(Client, "fault", fault)
         with pytest.raises(ValueError if words == "own" else RuntimeError, match=words):
             ask(tmp_path)

@@ -98,4 +98,5 @@ def test_scenes_and_families_of_the_pages_are_read(tmp_path):
     more = tomllib.loads(blocks(ROOT / "docs" / "equilibrium.md", "toml")[0])
     assert read_scene(whole | more).steps.dynamic
     (tmp_path / "mine.toml").write_text(blocks(ROOT / "docs" / "data.md", "toml")[0])
-    assert draw(load_family(tmp_path / "mine.toml"), 0, 0).name == "mine"
+    family = load_family(tmp_path / "mine.toml")
+    assert {draw(family, 0, index).name for index in range(20)} == {"mine"}  # each of its shapes on each of its faces

@@ -221,7 +221,7 @@ def solved(monkeypatch, tmp_path):
         reaction=np.array([[9.0, 0, 0], [0, 0, 1], [0, -50.5, 2], [0, 0, 3], [0, 0, 4]]),
         linear_steps=2,
         mesh=SimpleNamespace(remarks=("a cell is flat",)),
-        stiff=lambda scene: ("too stiff",),
+        stiff=lambda scene: ("too stiff",), idle=lambda scene: (),
     )
     monkeypatch.setattr("physics.solution.solve", lambda scene, **how: solution)
     made = SimpleNamespace(extra={"model": {"inertia": "left out"}}, per_frame={"obstacle": np.arange(15.0).reshape(5, 3)})

@@ -1,6 +1,7 @@
 """What a run folder holds comes back number for number, and what is not whole is refused in one line."""
 
 import json
+from dataclasses import replace
 
 import pytest
 import torch
@@ -80,6 +81,15 @@ def test_what_is_no_checkpoint_of_this_program_is_refused(tmp_path):
     save_file({"a": torch.zeros(1)}, path, {"about": "{"})
     with pytest.raises(InputError, match="not a whole checkpoint"):
         read_checkpoint(path)
+
+
+def test_scales_of_another_width_are_refused(tmp_path):
+    """One column would be spread over all features without a word."""
+    scales = state().normaliser
+    narrow = replace(scales, node=scales.node[:, :1].clone())
+    write_checkpoint(tmp_path / "model.safetensors", replace(state(), normaliser=narrow))
+    with pytest.raises(InputError, match=r"normaliser.node has shape \(2, 1\), not \(2, 12\)"):
+        read_checkpoint(tmp_path / "model.safetensors")
 
 
 def test_weights_of_another_network_are_refused_by_name(tmp_path):

@@ -122,7 +122,8 @@ def test_a_report_gathers_title_names_rows_and_notes(measured, tmp_path):
     assert (report.title, report.cases, report.rows, report.pictures, report.outside) == ("T", ["0003", "0007"], rows(), [], None)
     assert measured.measure["repeats"] == 1
     assert report.notes[-1] == "what went wrong" and report.facts["test trajectories"].startswith("2: 0003, 0007; ")
-    assert measured.said == [*module.summary(rows()), "words", *spread_said(rows()), f"report: {tmp_path / 'out' / 'report.html'}"]
+    last = f"report: {tmp_path / 'out' / 'report.html'}"
+    assert measured.said == [*module.summary(rows()), "words", *spread_said(rows()), "what went wrong", last]
 
 
 def test_how_far_outside_is_told_by_the_first_run_that_knows_its_ranges(measured, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """Predictors that users bring along: what is read, called, timed and refused; and a model of one's own as a point on the picture."""
 
 import dataclasses
+import json
 import os
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import fidelity
 from datagen.files.inputs import inputs_of, predicted
 from datagen.files.trajectory import write_trajectory
 from datagen.sets.generate import trajectory_of
@@ -15,7 +17,7 @@ from learning.prediction.foreign import brought, from_folder, from_function
 from learning.prediction.predictor import Case, LeftOut
 from learning.report.compare import chosen, compare, predictors
 from physics.schema import InputError
-from tests.scenes import pressed
+from tests.scenes import beam, pressed
 from tests.synthetic import bending
 
 
@@ -98,6 +100,13 @@ def hole(inputs):
 def bad(inputs):
     raise KeyError("weights")
 
+def leaves(inputs):
+    raise SystemExit(0)
+
+def talks(inputs):
+    print("hello")
+    return inputs.held
+
 number = 3
 """
 
@@ -106,6 +115,7 @@ number = 3
 def module(tmp_path, monkeypatch):
     (tmp_path / "brought.py").write_text(MODULE)
     (tmp_path / "broken.py").write_text("1 / 0")
+    (tmp_path / "leaving.py").write_text("import sys; sys.exit()")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield
@@ -125,7 +135,8 @@ def test_a_function_is_called_with_the_inputs_and_timed(case, module):
     (["brought"], "must be module:function"), (["brought:"], "must be module:function"), ([":f"], "must be module:function"),
     (["brought:none"], "has no none"),
     (["nowhere:f"], "ModuleNotFoundError: No module named 'nowhere'"), (["brought:number"], "is not a function"),
-    (["broken:f"], r"ZeroDivisionError: division by zero \(broken.py, line 1\)"), (["a:b", "c", "d"], "takes module:function and a name")])
+    (["broken:f"], r"ZeroDivisionError: division by zero \(broken.py, line 1\)"), (["leaving:f"], "SystemExit: "),
+    (["a:b", "c", "d"], "takes module:function and a name")])
 def test_a_function_that_is_not_there_is_refused(module, given, words):
     with pytest.raises(InputError, match=words):
         from_function(given)
@@ -134,6 +145,8 @@ def test_a_function_that_is_not_there_is_refused(module, given, words):
 def test_a_function_that_fails_says_where_in_one_line(case, module):
     with pytest.raises(RuntimeError, match=r"^bad on a: KeyError: 'weights' \(brought.py, line 17\)$"):
         from_function(["brought:bad"])[0].predict(case)
+    with pytest.raises(RuntimeError, match=r"^leaves on a: SystemExit: 0 \(brought.py, line 20\)$"):  # not the end of the program, status 0
+        from_function(["brought:leaves"])[0].predict(case)
     with pytest.raises(InputError, match=r"^short on a: displacement has shape \(2, 3\): must be \(6, 45, 3\), frames"):
         from_function(["brought:short"])[0].predict(case)
     with pytest.raises(InputError, match="^words on a: displacement is no array of numbers: "):
@@ -173,3 +186,14 @@ def test_what_is_brought_along_stands_on_the_picture_and_in_the_sentence(tmp_pat
     assert "given, not measured here" in result["facts"]["timed"] and "puts a free node" in result["summary"]
     with pytest.raises(InputError, match="two predictors are called 'nothing moves'"):
         compare(tmp_path / "press.toml", [], tmp_path / "report", only=["trivial"], predictions=[[str(tmp_path / "mine"), "nothing moves"]])
+
+
+def test_what_a_function_prints_is_kept_out_of_the_json_and_who_is_left_out_is_said(module, tmp_path, capsys):
+    obstacle = {"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.0305], [0.05, 0.01, 0.0295]]}
+    body = {"length": 0.06, "width": 0.02, "height": 0.02, "cells": [3, 1, 1]}
+    (tmp_path / "s.toml").write_text(beam(steps={"count": 2}, body=body, obstacle=obstacle).to_toml())
+    assert fidelity.main(["pareto", "s.toml", "--predictor", "brought:talks", "--predictor", "brought:hole", "--only", "trivial",
+                          "--refined", "0", "--repeats", "1", "--out", "p", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["report"] == "p" and "hello" in err
+    assert "hole is left out, because in s what it gives is not finite.\n" in err

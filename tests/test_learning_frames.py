@@ -38,6 +38,10 @@ def test_a_frame_is_the_sample_of_a_training_scaled_by_its_normaliser(files):
     assert len(others) == 4 and others.normaliser is frames.normaliser
 
 
+def test_one_file_need_not_stand_in_a_list(files):
+    assert len(Frames(str(files[0]))) == len(Frames(files[0])) == len(Frames(files[:1]))
+
+
 def test_noise_falls_as_torchs_dice_do(files):
     frames = Frames(files, training(SMALL["gcn"], noise=1e-4))
     torch.manual_seed(3)

@@ -200,3 +200,12 @@ def test_as_many_paths_as_a_split_has_at_most_and_of_grids_all_points():
     for points, count in ((1, None), (6, 1_000_001), (6, 0)):
         with pytest.raises(InputError, match="--count"):
             module._count(SimpleNamespace(points=points), count)
+
+
+def test_an_obstacle_that_starts_inside_the_body_is_refused_before_anything_is_predicted(monkeypatch):
+    """As `simulate` refuses it: 12 mm above a face, 13 mm of radius reach 1 mm into the body, at its nodes a little less."""
+    table = PRESS | {"obstacle": {"shape": "sphere", "radius": 0.01, "path": [[0.07, 0.012, 0.036], [0.07, 0.012, 0.03]]}}
+    assert sweep(table, RUN, vary=["obstacle.radius=0.011,0.012"]).rows.unsure.shape == (2, 1)
+    monkeypatch.setattr(module, "predict_many", None)
+    with pytest.raises(InputError, match=r"number 1: obstacle.path: the obstacle starts 0\.000\d+ m inside the body; start it outside"):
+        sweep(table, RUN, vary=["obstacle.radius=0.012,0.013"])

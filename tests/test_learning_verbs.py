@@ -155,6 +155,10 @@ def test_rollout_writes_the_prediction_and_its_error_over_free_nodes_and_all_ste
     predicted.monkeypatch.setattr("learning.prediction.rollout.rollout", called)
     lines = spoken(capsys, "rollout", "run", predicted.file, "--out", predicted.out)
     assert lines == [f"5 steps, RMSD over all of them 0.005 mm: {predicted.out}"]
+    called.result = replace(predicted.prediction, extra={"unsure_frames": 4})
+    lines = spoken(capsys, "rollout", "run", predicted.file, "--out", predicted.out)
+    assert lines == [f"5 steps, RMSD over all of them 0.005 mm; the predictor is unsure of 4: {predicted.out}"]
+    called.result = predicted.prediction
     assert called.given[0] == "model of run" and np.array_equal(called.given[1].displacement, predicted.truth.displacement)
     assert np.array_equal(read_trajectory(predicted.out).displacement, predicted.prediction.displacement)
     result = told(capsys, "rollout", "run", predicted.file, "--out", predicted.out)

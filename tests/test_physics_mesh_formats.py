@@ -268,3 +268,35 @@ def test_a_kind_of_file_that_nobody_knows_is_refused_with_meshios_own_reason(tmp
         with pytest.raises(InputError) as caught:
             read_mesh(tmp_path / name)
         assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_names_in_med_are_in_utf_8(tmp_path):
+    """As gmsh and Salome write them: bytes above 127 are parts of a letter."""
+    h5py = pytest.importorskip("h5py")
+    meshio.Mesh(BEAM.points, [("hexahedron", BEAM.cells)]).write(tmp_path / "part.med")
+    with h5py.File(tmp_path / "part.med", "a") as file:
+        (mesh,) = file["ENS_MAA"].values()
+        (step,) = mesh.values()
+        step["MAI/HE8"].create_dataset("FAM", data=np.array([-1, -1, -1, -2]))
+        step["MAI/HE8"].attrs["CGT"] = 1
+        for number, name in ((-1, "Körper"), (-2, "端")):
+            family = file.require_group(f"FAS/{next(iter(file['ENS_MAA']))}/ELEME/F{number}")
+            family.attrs["NUM"] = number
+            group = family.create_group("GRO")
+            group.attrs["NBR"] = 1
+            text = name.encode().ljust(80, b"\0")
+            group.create_dataset("NOM", data=np.array([np.frombuffer(text, np.int8)]))
+    assert {name: len(nodes) for name, nodes in read_mesh(tmp_path / "part.med").places.items()} == {"Körper": 16, "端": 8}
+
+
+@pytest.mark.parametrize("name", ["bracket.step", "bracket.IGS", "bracket.brep", "bracket.geo"])
+def test_a_drawing_is_refused_with_how_to_mesh_it(tmp_path, name):
+    (tmp_path / name).write_text("ISO-10303-21;")
+    with pytest.raises(InputError, match=f"a drawing, not a mesh; gmsh makes one of it: gmsh -3 {name} -o bracket.msh"):
+        read_mesh(tmp_path / name)
+
+
+def test_cells_of_third_order_are_called_so(tmp_path):
+    points = np.concatenate([BEAM.points[[0, 2, 1, 4]], np.tile(BEAM.points.mean(axis=0), (16, 1))])
+    meshio.Mesh(points, [("tetra20", np.arange(20)[None])]).write(tmp_path / "a.msh", file_format="gmsh")
+    assert read_mesh(tmp_path / "a.msh").remarks == ("cells of third order or more: their sides are taken as straight",)

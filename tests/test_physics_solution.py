@@ -15,7 +15,7 @@ from physics.equilibrium.state import NoEquilibrium, State
 from physics.mesh.build import build_mesh
 from physics.schema import InputError
 from physics.solution import identity, snapped, solve
-from tests.scenes import bent
+from tests.scenes import beam, bent
 
 
 def test_frames_hold_what_the_states_are():
@@ -130,3 +130,17 @@ def test_seconds_add_up_over_the_starts(monkeypatch, tmp_path):
     again = solve(bent(), journal=tmp_path / "kept")
     assert again.seconds == 50 + 10 and again.resumed == 4
     assert np.array_equal(first.displacement, again.displacement)
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"obstacle": {"shape": "sphere", "radius": 0.01, "path": [[50, 10, 31], [50, 10, 20]]}}, "no obstacle reaches the body"),
+    ({}, "no load and no support moves the body")])
+def test_a_scene_in_which_nothing_moves_says_so(changes, words):
+    scene = beam(steps={"count": 2}, **changes)
+    assert solve(scene).idle(scene) == (f"nothing moves: {words}, which lies between (0, 0, 0) and (0.06, 0.02, 0.02) m",)
+
+
+def test_a_scene_in_which_something_moves_does_not():
+    scene = bent()
+    found = solve(scene)
+    assert found.idle(scene) == () and replace(found, displacement=0 * found.displacement, failure="x").idle(scene) == ()

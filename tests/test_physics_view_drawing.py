@@ -184,3 +184,15 @@ def test_the_outline_is_blue_where_the_truth_is_and_the_obstacle_grey():
     # The outline's box: from 35 to 65 mm high, 0 to 100 mm along.
     assert np.ptp(blues[0]) == pytest.approx(30, abs=2) and np.ptp(blues[1]) == pytest.approx(100, abs=2)
     assert blues[0].min() == pytest.approx(75 - 65, abs=2)
+
+
+@pytest.mark.parametrize("value", [0.1, 0.35, 0.5, 0.8])
+def test_a_plane_body_has_the_colours_of_its_scale(value):
+    """Red, green and blue of the scale, but for the lines between cells; a lit one would be up to 1.3 times as bright, and clipped."""
+    from matplotlib import colormaps
+
+    mesh = build_mesh(Body(shape="plate", length=0.2, width=0.1, cells=(2, 1), cell="quadrilateral"))
+    camera = drawing.fit([mesh.points], None, np.array([0.0, 0.0, 1.0]))
+    picture = drawing.draw(mesh, 0 * mesh.points, np.full(len(mesh.points), value), (0.0, 1.0), "RdBu", camera, (200, 100))
+    middle = np.median(picture[30:70, 20:80].reshape(-1, 3), axis=0)
+    assert middle == pytest.approx(255 * np.array(colormaps["RdBu"](value)[:3]), abs=3)  # 256 colours, and the half of one

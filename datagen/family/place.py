@@ -7,9 +7,10 @@ sides. Its centre moves on a straight line: from `gap` before that touch to `dep
     c(s) = touch + r n + s (-n + tan a1 t1 + tan a2 t2),   s from -gap to depth,
 
 with r the reach of the obstacle towards the face and the tilts (a1, a2) of the push. An axis lies in the face, turned by
-`turn` from t2 (on z-max: from y) towards t1; a box and a mesh are turned by it about x, y or z, whichever is normal to the face. Of a
-mesh the point given is where its origin comes, and what touches is where it reaches furthest. A half-space faces the body. The faces of
-a body from a mesh file are those of the box around it, and length, width and height are its sides.
+`turn` from t2 (on z-max: from y) towards t1; without either a cylinder's is y, on the faces across y it is z. A box and a
+mesh are turned by it about x, y or z, whichever is normal to the face. Of a mesh the point given is where its origin comes,
+and what touches is where it reaches furthest. A half-space faces the body. The faces of a body from a mesh file are those
+of the box around it, and length, width and height are its sides.
 """
 
 from __future__ import annotations
@@ -85,6 +86,8 @@ def _turned(obstacle: dict[str, Any]) -> tuple[dict[str, Any], Place]:
         else:
             axis[first], axis[second] = math.sin(angle), math.cos(angle)
         obstacle["axis"] = axis
+    elif normal == 1 and obstacle.get("shape") == "cylinder":
+        obstacle.setdefault("axis", [0.0, 0.0, 1.0])  # its own default, y, does not lie in this face
     if obstacle.get("shape") == "half-space" and "normal" not in obstacle:
         obstacle["normal"] = [0.0, 0.0, 0.0]
         obstacle["normal"][normal] = 1.0 if place.face.endswith("min") else -1.0

@@ -111,7 +111,7 @@ def _body(folder: Path, manifest: dataset.Manifest, found: dict[str, Any], rows:
     comment = [line.lstrip("# ") for line in manifest.family.splitlines()[:1] if line.startswith("#")]
     yield f"# {_name(manifest)}\n"
     splits = ", ".join(f"{split} {found['split'][split]}" for split in SPLITS if split in found["split"])
-    yield f"{' '.join(comment)} {found['count']} trajectories of {found['steps']['mean']:.0f} steps ({splits}),"
+    yield f"{' '.join([*comment, str(found['count'])])} trajectories of {found['steps']['mean']:.0f} steps ({splits}),"
     yield f"{found['gigabytes']:.3g} GB, made by Fidelity (commit {first.commit or 'unknown'}) on {date.today().isoformat()}.\n"
     yield "Each file is VTKHDF: ParaView opens it with a time slider, h5py reads it as arrays. The layout stands in"
     yield "`datagen/files/trajectory.py`; node kinds are " + (KINDS_OF_FLOWS if first.flows else KINDS_OF_SOLIDS) + "\n"

@@ -116,6 +116,8 @@ def _client(address: str, tls: Sequence[str]) -> Any:
     how: dict[str, Any] = {}
     if tls and not address.startswith("tls://"):
         raise InputError(f"--cluster {address}: certificates are for an address that begins with tls://")
+    if "://" not in address and not address.rpartition(":")[2].isdigit():
+        raise InputError(f"--cluster {address}: must be the address of a Dask scheduler, such as tcp://host:8786")
     for file in tls:
         if not Path(file).is_file():
             raise InputError(f"--tls {file}: no such file")

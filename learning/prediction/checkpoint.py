@@ -118,6 +118,9 @@ def read_checkpoint(path: str | Path) -> Checkpoint:
         normaliser = Normaliser(**{name: tensors[f"normaliser.{name}"] for name in scales}, layout=layout)
     except (KeyError, ValueError) as error:
         raise InputError(f"{path}: not a whole checkpoint: {str(error).splitlines()[0]}") from None
+    for name in INPUTS:
+        if (found := tuple(getattr(normaliser, name).shape)) != (asked := (2, getattr(layout.widths, name))):
+            raise InputError(f"{path}: not a whole checkpoint: normaliser.{name} has shape {found}, not {asked}")
     return Checkpoint(about, under("weights.", tensors), normaliser, optimizer, under("walks.", tensors))
 
 

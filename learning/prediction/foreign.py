@@ -85,7 +85,7 @@ def from_function(given: Own) -> tuple[Predictor, str]:
         function = getattr(importlib.import_module(module), name)
     except AttributeError:
         raise InputError(f"--predictor {words}: the module has no {name}") from None
-    except Exception as error:  # whatever a stranger's module raises
+    except (Exception, SystemExit) as error:  # whatever a stranger's module raises
         raise InputError(f"--predictor {words}: cannot be imported: {_told(error)}") from None
     if not callable(function):
         raise InputError(f"--predictor {words}: {name} is not a function")
@@ -99,7 +99,7 @@ def of_function(name: str, function: Function) -> Predictor:
         start = time.process_time()
         try:
             answer = function(inputs)
-        except Exception as error:  # whatever a stranger's function raises
+        except (Exception, SystemExit) as error:  # whatever a stranger's function raises
             raise RuntimeError(f"{name} on {case.name}: {_told(error)}") from None
         seconds = time.process_time() - start
         try:
@@ -115,7 +115,7 @@ def of_function(name: str, function: Function) -> Predictor:
     return Predictor(name, "foreign", predict)
 
 
-def _told(error: Exception) -> str:
+def _told(error: BaseException) -> str:
     """An exception and the line that raised it, in one line."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     what = (str(error).splitlines() or [""])[0]

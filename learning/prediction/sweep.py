@@ -42,6 +42,7 @@ from learning.slender.beam import see
 from learning.slender.many import PathFrames, alike, per_batch, predict_many
 from learning.slender.model import Slender
 from learning.slender.path import check_points
+from physics.contact.obstacles import Rigid
 from physics.journal import Journal
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
@@ -53,6 +54,7 @@ from physics.whole import written_whole
 Floats = NDArray[np.floating[Any]]
 BODIES = 16  # paths of bodies by shapes in a batch
 LARGEST = 4e9  # bytes of displacements in one sweep
+TOUCHES = 1e-6  # of the body's extent: how far inside an obstacle may start that is meant to touch
 PREDICTED, SOLVED, UNSOLVED = 0, 1, -1
 
 
@@ -114,10 +116,12 @@ def sweep(scene: str | Path | dict[str, Any], run: str | Path, *, vary: Sequence
                          f"at most {1e-9 * LARGEST:g} GB; ask for fewer frames, or for the nodes of one place")
     if isinstance(model, Slender):
         check_points(see(variation.first), mesh.points)
+    surface = mesh.points[np.unique(np.concatenate([facets.ravel() for facets in mesh.boundary]))]
     seen, values, ends = [], [], []
     for number in tqdm(range(count), desc="draw", unit="path", disable=None, leave=False):
         one, value = variation.scene(seed, number)
         try:
+            _outside(one, surface)
             seen.append(look(one))
         except InputError as error:
             raise InputError(f"number {number}: {error}") from None
@@ -153,6 +157,18 @@ def write_sweep(path: str | Path, found: Sweep) -> None:
             file[field.name] = getattr(found.rows, field.name)
         for key, values in found.varied.items():
             file[f"varied/{key}"] = values if values.dtype.kind == "f" else values.astype(object)
+
+
+def _outside(scene: Scene, surface: Floats) -> None:
+    """Raises `InputError` for an obstacle that starts inside the body, whose equilibria nobody can solve for."""
+    rigid = Rigid(scene.obstacles[0])
+    start = rigid.position(0.0)
+    for axis, (low, high) in zip(np.eye(3), zip(surface.min(axis=0), surface.max(axis=0), strict=True), strict=True):
+        if start @ axis - rigid.shape.reach(-axis) >= high or start @ axis + rigid.shape.reach(axis) <= low:
+            return  # beside the box of the body
+    inside = -float(rigid.gap(surface, start)[0].min())
+    if inside > TOUCHES * float(np.ptp(surface, axis=0).max()):
+        raise InputError(f"obstacle.path: the obstacle starts {inside:.3g} m inside the body; start it outside")
 
 
 def _count(variation: Variation, count: int | None) -> int:

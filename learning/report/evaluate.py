@@ -137,7 +137,7 @@ def report_on(predictors: Sequence[Predictor], cases: Sequence[Case], out: Path,
                     facts=_facts(runs, cases, found, repeats) | (about or {}), notes=[*spread, *_limits(cases, found, runs, spans)])
     content = write_report(out, report, exhibits(found))
     if say is not None:
-        for line in (*summary(found.rows), content["summary"], *spread, f"report: {out / 'report.html'}"):
+        for line in (*summary(found.rows), content["summary"], *spread, *found.notes, f"report: {out / 'report.html'}"):
             say(line)
     return {**content, "report": str(out)}
 

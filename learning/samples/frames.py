@@ -40,9 +40,10 @@ class Frames(Dataset[Frame]):
     normaliser: the scales of graphs and targets
     """
 
-    def __init__(self, files: Sequence[str | Path], config: TrainConfig | None = None, normaliser: Normaliser | None = None) -> None:
+    def __init__(self, files: str | Path | Sequence[str | Path], config: TrainConfig | None = None,
+                 normaliser: Normaliser | None = None) -> None:
         """Args:
-            files: trajectory files
+            files: trajectory files, or one
             config: TrainConfig() by default
             normaliser: of another set, as of the training set for validation; made from these files by default
 
@@ -50,6 +51,7 @@ class Frames(Dataset[Frame]):
             InputError: no files, or one from which nothing can be learned
         """
         self.config = TrainConfig() if config is None else config
+        files = [files] if isinstance(files, str | Path) else files
         self._examples = load_examples(files, self.config, layout=None if normaliser is None else normaliser.layout)
         self._numbers = all_frames(self._examples)
         self.normaliser = fit_normaliser(self._examples, self.config) if normaliser is None else normaliser

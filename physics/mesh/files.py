@@ -24,6 +24,7 @@ from physics.mesh.sound.fit import fitting
 from physics.schema import InputError, missing
 
 OWN = {".msh": gmsh.read, ".inp": abaqus.read, ".su2": su2.read, ".bdf": nastran.read, ".nas": nastran.read, ".fem": nastran.read}
+DRAWN = (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".geo_unrolled")
 SMALLEST, LARGEST = 1e-9, 1e9  # [m] a body
 
 
@@ -74,6 +75,8 @@ def _read(path: Path) -> Raw:
     if why := missing(path):
         raise InputError(why)
     ending = path.suffix.lower()
+    if ending in DRAWN:
+        raise InputError(f"a drawing, not a mesh; gmsh makes one of it: gmsh -3 {path.name} -o {path.stem}.msh")
     if ending == ".xdmf":
         try:
             several = len(xdmf.grids(path)) > 1

@@ -115,7 +115,7 @@ class Mesh:
             if name in self.mixed:
                 raise InputError(f"{name!r} stands for several places of the mesh: write {' or '.join(map(repr, self.mixed[name]))}")
             if name not in self.places:
-                known = ", ".join(self.places) or "none at all"
+                known = ", ".join(self.places) or "none at all, so say where it lies: { near = [..], within = .. }, plane or box"
                 said = next((f"; {remark}" for remark in self.remarks if repr(name) in remark), nearest(name, self.places))
                 raise InputError(f"no place named {name!r} in the mesh: there are {known}{said}")
         common = self.places[names[0]]

@@ -102,8 +102,10 @@ def draw(mesh: Mesh, displacement: Floats, colour: Floats, limits: tuple[float, 
     flat = colour.ndim == 2
     (body.cell_data if flat else body.point_data)["colour"] = np.asarray(colour, np.float64)
     scale: dict[str, Any] = {"rgb": True} if flat else {"cmap": colormaps[cmap], "clim": limits}
+    # Light tells the faces of a solid apart; a plane body, which faces it all, would only be whiter than the scale beside it.
+    ambient, diffuse = (0.55, 0.5) if mesh.dimension == 3 else (1.0, 0.0)
     plotter.add_mesh(body, scalars="colour", **scale, show_scalar_bar=False, show_edges=True,
-                     edge_color="#555555", line_width=0.6, ambient=0.55, diffuse=0.5, specular=0.0)
+                     edge_color="#555555", line_width=0.6, ambient=ambient, diffuse=diffuse, specular=0.0)
     if outline is not None:
         edges = feature_edges(mesh)
         if len(edges):  # a round body has none

@@ -27,6 +27,7 @@ ROW_BY_ROW = {"pixel": ("quad", [0, 1, 3, 2]), "voxel": ("hexahedron", [0, 1, 3,
 def read(path: Path) -> Raw:
     """Any file that meshio reads. Raises `InputError` with meshio's own reason for one that it does not."""
     _know_voxels()
+    _know_letters()
     return of_meshio(read_foreign(path))
 
 
@@ -84,3 +85,14 @@ def _know_voxels() -> None:
         _common.num_nodes_per_cell.setdefault(name, size)
         _mesh.topological_dimension.setdefault(name, dimension)
         _vtk_42.vtk_type_to_numnodes[number] = size
+
+
+def _know_letters() -> None:
+    """Tell meshio that names in MED files are text in UTF-8: it takes each byte for a letter, and stumbles over those above 127."""
+    from meshio.med import _med
+
+    def families(found: Any) -> dict[int, list[str]]:
+        return {part.attrs["NUM"]: [np.asarray(name, np.int8).tobytes().decode(errors="replace").strip().rstrip("\x00")
+                                    for name in part["GRO"]["NOM"][()][:part["GRO"].attrs["NBR"]]] for part in found.values()}
+
+    _med._read_families = families

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS, CORNERS, GAUSS, Corners
-from physics.mesh.formats.raw import Raw
+from physics.mesh.formats.raw import VTK_MIDDLES, Raw
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -38,17 +38,19 @@ def curved(raw: Raw, number: Integers, points: Floats, cells: Integers, kind: st
         InputError: with order 2, middle nodes that disagree, lie nowhere, or turn a cell inside out
     """
     given: dict[int, list[tuple[Integers, Floats]]] = {}
-    further = False
+    further, order_of_cells = False, "second order"
     for block in raw.blocks:
         corners = CELLS[block.kind].corners
         if CELLS[block.kind].dimension < CELLS[kind].dimension or block.nodes.shape[1] == corners:
             continue
         further = True
+        if block.nodes.shape[1] - corners > len(VTK_MIDDLES.get(block.kind, block.nodes[0])):
+            order_of_cells = "third order or more"
         for i, local in enumerate(block.middles if block.kind == kind else ()):
             at = np.zeros((len(block.nodes), 3))
             at[:, :raw.points.shape[1]] = raw.points[block.nodes[:, corners + i]] * scale
             given.setdefault(len(local), []).append((np.sort(number[block.nodes[:, list(local)]], axis=1), at))
-    straight = "cells of second order: their sides are taken as straight"
+    straight = f"cells of {order_of_cells}: their sides are taken as straight"
     if not given:
         return {}, [straight] if further else []
     middles: Middles = {}
