@@ -22,6 +22,7 @@ from physics.mesh.sound.cells import by_shape, once, upright
 from physics.mesh.sound.curved import curved
 from physics.mesh.sound.fit import fitting
 from physics.schema import InputError, missing
+from physics.whole import written_whole
 
 OWN = {".msh": gmsh.read, ".inp": abaqus.read, ".su2": su2.read, ".bdf": nastran.read, ".nas": nastran.read, ".fem": nastran.read}
 DRAWN = (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".geo_unrolled")
@@ -63,11 +64,15 @@ def read_mesh(path: str | Path, *, order: int = 1, scale: float = 1.0) -> Mesh:
 
 
 def write_mesh(path: str | Path, mesh: Mesh, fields: dict[str, Floats]) -> None:
-    """Write a mesh and its nodal fields (N,) or (N, 3) to a file of any kind that meshio knows by its ending; its folder is made."""
+    """Write a mesh and its nodal fields (N,) or (N, 3) to one file of any kind that meshio knows by its ending, whole or not at all.
+
+    Its folder is made. Raises OSError naming the file.
+    """
     import meshio
 
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    meshio.Mesh(mesh.points, [(CELLS[mesh.cell].meshio, mesh.cells)], point_data=fields).write(path)
+    kind = meshio.extension_to_filetypes[Path(path).suffix.lower()][0]
+    with written_whole(path) as part:
+        meshio.Mesh(mesh.points, [(CELLS[mesh.cell].meshio, mesh.cells)], point_data=fields).write(part, file_format=kind)
 
 
 def _read(path: Path) -> Raw:
