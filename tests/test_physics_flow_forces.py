@@ -62,6 +62,21 @@ def test_a_wall_between_walls_bears_its_own_share_alone():
     np.testing.assert_allclose(found, [MU * L, RHO * L**3 / 6], rtol=1e-12)
 
 
+@pytest.mark.parametrize("order", (2, 3))
+def test_half_of_a_round_wall_bears_its_own_share_alone(order):
+    """Of u = (y, x), whose convection its rate balances, and an even pressure; the integral of n is that of the line between the ends."""
+    mesh = computed_mesh(channel_flow(body={"shape": "channel", "length": 0.8, "cell_size": 0.08, "hole_cell_size": 0.03}))
+    hole = mesh.place("hole")
+    mesh = replace(mesh, places=mesh.places | {"front": hole[mesh.points[hole, 0] < 0.2 + 1e-9]})
+    space, edges = FlowSpace(mesh, order), mesh.facets("front")[0]
+    x, p = space.velocity.points, np.full(len(space.pressure.points), 0.3)
+    along = np.diff(mesh.points[edges][..., :2], axis=1)[:, 0].sum(axis=0)
+    normal = np.array([along[1], -along[0]])  # times the length; the fluid is on the left of an outer edge
+    assert mesh.middles and 0 < len(edges) < len(mesh.facets("hole")[0]) and normal[0] > 0.07
+    found = forces_of(space, where="front").force(x[:, ::-1].copy(), p, -x)
+    np.testing.assert_allclose(found, RHO * 0.3 * normal - MU * normal[::-1], rtol=1e-9)
+
+
 def test_fluid_that_comes_back_through_the_outflow_does_not_pull_on_the_wall_beside_it():
     """Uniform, from right to left: the outflow takes (u . n)_- u / 2, which the pressure -u^2 / 2 balances."""
     space = plate()
