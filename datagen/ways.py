@@ -13,7 +13,7 @@ EXAMPLES = {
     "generate": "demo --out data", "segment": "press.vtkhdf --segments 12 --picture segments.png",
     "train": "learning/configs/m4gn-small.toml --data data --out run --seconds 600", "calibrate": "run --data other",
     "rollout": "run press.vtkhdf --out p.vtkhdf",
-    "sweep": "press.toml --vary obstacle.radius=0.005:0.01 --count 1000 --predictor assets/m4gn-fast --out sweep.h5",
+    "sweep": "press.toml --vary obstacle.radius=0.0105:0.0125 --count 1000 --predictor assets/m4gn-fast --out sweep.h5",
     "evaluate": "run --data data --out report", "pareto": "press.toml --run run --predictor mymodule:model --out pareto",
     "verify": "p.vtkhdf --reference press.vtkhdf --out report", "view": "press.vtkhdf --out press.gif", "demo": "--out demo",
     "study": "main --size check --out study",

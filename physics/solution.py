@@ -27,7 +27,7 @@ from physics.journal import digest_of, follow, unflatten
 from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh
 from physics.mesh.sound.folded import folded
-from physics.modes.locking import said_of_path
+from physics.modes.locking import said_of_failure, said_of_path
 from physics.motion.dynamics import Motion
 from physics.scene import Scene, Steps
 from physics.schema import InputError
@@ -131,7 +131,8 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
 
     way = follow(scene.steps.count, go, path.memory, lambda arrays: path.recall(unflatten(path.Memory, arrays)),
                  failures=(NoEquilibrium,), path=journal, identity=identity(scene, mesh) + limits, started=started, on_step=on_step)
-    failure = "" if way.failed is None else "no {} at step {}: {}".format("motion" if scene.steps.dynamic else "equilibrium", *way.failed)
+    failure = "" if way.failed is None else "; ".join((
+        "no {} at step {}: {}".format("motion" if scene.steps.dynamic else "equilibrium", *way.failed), *said_of_failure(scene, mesh)))
     found = Solution(
         mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,

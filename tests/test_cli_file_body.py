@@ -156,3 +156,13 @@ def test_a_body_that_is_held_everywhere_is_refused_before_anything_is_solved(sol
     (solved.parent / "held.toml").write_text(SCENE.format(modulus=1e6).replace('where = "wall"', 'where = "body"'))
     assert fidelity.main(["simulate", "held.toml", "--out", "held.vtkhdf"]) == 2
     assert "every node of the body is held" in capsys.readouterr().err and not list(solved.parent.glob("held.vtkhdf*"))
+
+
+@pytest.mark.parametrize("length, scale, asked", [(21, "", True), (20, "", False), (21, "scale = 1.0", False),
+                                                  (21_000, "scale = 1e-3", False)])
+def test_a_body_that_may_be_in_millimetres_is_asked_about(say, tmp_path, monkeypatch, length, scale, asked):
+    write_part(tmp_path / "part.msh", length=length)
+    (tmp_path / "scene.toml").write_text(SCENE.format(modulus=1e15).replace('"part.msh"', f'"part.msh"\n{scale}'))
+    monkeypatch.chdir(tmp_path)
+    for words in (("modes", "scene.toml", "--count", "1"), ("simulate", "scene.toml", "--out", "a.vtkhdf")):
+        assert ("the body is 21 m long: is the file in mm? then body.scale = 0.001" in say(*words)) == asked

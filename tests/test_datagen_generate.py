@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -20,6 +19,7 @@ from datagen.files.trajectory import HANDLE, OBSTACLE, problems, read_trajectory
 from datagen.sets import check, dataset, generate
 from physics.contact.obstacles import Rigid
 from physics.schema import InputError
+from tests.full_disk import full_after
 from tests.small_set import COUNTS, FILES, SMALL
 
 ROOT = Path(__file__).parents[1]
@@ -228,14 +228,10 @@ def test_a_full_disk_ends_in_one_line(tmp_path):
 
 
 def test_a_file_too_large_names_itself(original, tmp_path):
-    """The same without the right to mount anything: the system refuses to let a file grow."""
-    trajectory, before = read_trajectory(original / FILES[0]), resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
-    try:
-        with pytest.raises(OSError, match="File too large") as error:
-            write_trajectory(tmp_path / "t.vtkhdf", trajectory)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    """The same without the right to mount anything."""
+    trajectory = read_trajectory(original / FILES[0])
+    with full_after(20_000), pytest.raises(OSError, match="File too large") as error:
+        write_trajectory(tmp_path / "t.vtkhdf", trajectory)
     assert error.value.filename == str(tmp_path / "t.vtkhdf") and not list(tmp_path.iterdir())
 
 

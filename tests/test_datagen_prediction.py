@@ -13,6 +13,7 @@ from datagen.files.prediction import lines, mistaken, read_truth, verify_files
 from datagen.files.trajectory import write_trajectory
 from physics.fidelity.figures import FIGURES
 from physics.schema import InputError, finite
+from tests.full_disk import full_after
 from tests.unsolved import scene, trajectory
 
 
@@ -114,6 +115,12 @@ def test_the_bodies_are_compared_prediction_first_and_beside_a_body_at_rest(trut
     assert np.array_equal(given["prediction"], u[2]) and np.array_equal(given["truth"], v[2])
     points, displacement = truth.points[24:], truth.displacement[2, 24:]
     assert np.allclose(given["obstacle"].points, points + displacement, atol=1e-9) and displacement.any()
+
+
+def test_on_a_full_disk_the_error_says_the_name_of_the_report(truth, predicted, tmp_path, asked):
+    with full_after(100), pytest.raises(OSError) as error:
+        verify_files(tmp_path / "p.vtkhdf", tmp_path / "truth.vtkhdf", tmp_path / "report")
+    assert error.value.filename == str(tmp_path / "report" / "verify.json") and not list((tmp_path / "report").iterdir())
 
 
 def test_every_figure_stands_in_its_unit_beside_that_of_a_body_at_rest(truth, predicted, tmp_path, asked):

@@ -177,7 +177,7 @@ def test_the_facts_tell_what_was_tested_and_trained(monkeypatch):
         "M4GN from runs/m4gn: 15 weights, trained 4000 steps in 62 s, of which step 3500 did best in validation and is shown; seed 17"
     )
     assert told["truth"] == (
-        "first-order hexahedrons, prisms, linear, neo-hookean; solved again here, it differs from the files by 2.5e-06 mm "
+        "first-order hexahedra, prisms, linear, neo-hookean; solved again here, it differs from the files by 2.5e-06 mm "
         "at most (they hold 32-bit numbers)"
     )
     assert told["timing"].endswith("on each scene; each prediction timed once")

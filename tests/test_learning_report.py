@@ -11,12 +11,13 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from learning.report.pareto import COLOURS
+from learning.report.pareto import COLOURS, pareto_picture
 from learning.report.report import SCALE, STYLE, write_report
 from learning.report.table import COLUMNS, KINDS, TABLES, headline
 from physics.mesh.build import build_mesh
 from physics.scene import Body
 from physics.view import Animation, Exhibit, section
+from tests.full_disk import full_after
 from tests.rows import CASES, report, row, rows
 
 OUTSIDE = {"0003": {"material law": math.inf, "steps": 0.125}, "0007": {}, "0011": {"steps": 0.0625}}
@@ -302,6 +303,14 @@ def test_a_figure_that_a_row_lacks_is_nan_in_the_table(tmp_path):
     write_report(tmp_path / "new", report(rows=some))
     with open(tmp_path / "new" / "table.csv", newline="") as file:
         assert [line["rmsd_50 [m]"] for line in csv.DictReader(file)] == ["nan"] * 6
+
+
+@pytest.mark.parametrize("name, write", [("report.json", lambda path: write_report(path.parent, full())),
+                                         ("pareto.png", lambda path: pareto_picture(path, rows()))])
+def test_on_a_full_disk_there_is_no_half_file_and_the_error_says_its_name(tmp_path, name, write):
+    with full_after(100), pytest.raises(OSError) as error:
+        write(tmp_path / name)
+    assert error.value.filename == str(tmp_path / name) and not list(tmp_path.iterdir())
 
 
 def test_the_json_holds_everything_and_null_for_what_is_no_number(written):

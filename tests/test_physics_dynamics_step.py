@@ -258,7 +258,7 @@ def test_points_that_bear_are_stopped_by_masses_and_the_obstacles_speed(monkeypa
 
 def test_a_motion_says_what_it_models():
     said = motion(obstacle=plate(0.006)).model()
-    assert said["kinematics"] == "finite strain: in motion" and said["material"].startswith("saint-venant-kirchhoff; hexahedrons")
+    assert said["kinematics"] == "finite strain: in motion" and said["material"].startswith("saint-venant-kirchhoff; hexahedra")
     assert said["contact"].endswith("nothing is solved before it touches; what a surface layer of nodes loses when it is struck is gone, "
                                     "and contact makes no energy")
     free = motion(material={"law": "linear", "young_modulus": 1e5, "poisson_ratio": 0.3}).model()

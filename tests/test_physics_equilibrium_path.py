@@ -156,9 +156,9 @@ def test_an_obstacle_goes_no_further_at_once_than_half_of_what_is_narrower():
 
 def test_what_is_said_of_cells_and_contact():
     scene = bent()
-    assert cells_said(scene) == "hexahedrons, of first order" and contact_said(scene) == "none: the scene has no obstacle"
+    assert cells_said(scene) == "hexahedra, of first order" and contact_said(scene) == "none: the scene has no obstacle"
     raised = replace(scene, body=replace(scene.body, element="enhanced"))
-    assert cells_said(raised) == "hexahedrons, of first order, enhanced element"
+    assert cells_said(raised) == "hexahedra, of first order, enhanced element"
     assert cells_said(replace(scene, body=replace(scene.body, shape="file"))) == "the cells of the file, of first order"
     ball = pressed(obstacle={"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.04]]})
     assert contact_said(ball).startswith("frictionless at points of the surface facets, rigid sphere; nothing")

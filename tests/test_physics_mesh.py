@@ -14,6 +14,7 @@ from physics.mesh.mesh import Mesh, closure, pieces, rows_in, unique_edges
 from physics.mesh.shapes.boxes import faces
 from physics.scene import Body, read_body
 from physics.schema import InputError
+from tests.full_disk import full_after
 
 SOLID = ("prism", "tetrahedron", "hexahedron")
 LENGTH, WIDTH, HEIGHT = 0.6, 0.2, 0.1  # [m] 3 x 2 x 4 cells of 0.2 x 0.1 x 0.025 m
@@ -238,6 +239,12 @@ def test_a_written_mesh_is_read_by_meshio(tmp_path, cell, kind):
     assert [block.type for block in found.cells] == [kind] and np.array_equal(found.cells[0].data, mesh.cells)
     assert np.array_equal(found.points, mesh.points)
     assert set(found.point_data) == {"one", "three"} and all(np.array_equal(found.point_data[key], values[key]) for key in values)
+
+
+def test_on_a_full_disk_a_mesh_is_not_there_and_the_error_says_its_name(tmp_path):
+    with full_after(200), pytest.raises(OSError) as error:
+        write_mesh(tmp_path / "part.vtu", box("prism"), {})
+    assert error.value.filename == str(tmp_path / "part.vtu") and not list(tmp_path.iterdir())
 
 
 def test_every_shape_is_built_by_its_own_rules(tmp_path):

@@ -91,6 +91,14 @@ def test_a_step_too_large_is_halved():
     assert abs(whole.displacement[-1] - halves.displacement[-1]).max() < 1e-5 * abs(whole.displacement[-1]).max()
 
 
+def test_a_failure_near_a_poisson_ratio_of_one_half_ends_with_what_helps():
+    scene = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [2, 2, 2]}, steps={"count": 1},
+                 material={"young_modulus": 1e6, "poisson_ratio": 0.4995},
+                 support=[{"where": "z-min", "fixed": "xyz"}, {"where": "z-max", "fixed": "xyz", "displacement": [0.0, 0.0, -0.03]}])
+    failure = solve(scene, partial=True).failure
+    assert failure.startswith("no equilibrium at step 1: ") and failure.endswith('; take body.element = "mean-dilatation"')
+
+
 def test_what_cannot_be_solved_fails_clearly_and_keeps_what_was(monkeypatch):
     """A block is pushed flat against its other, fixed face: sooner or later no equilibrium can be found."""
     scene = beam(body={"length": 0.02, "width": 0.02, "height": 0.02, "cells": [2, 2, 2]},

@@ -200,7 +200,8 @@ def test_small_strain_is_chosen_by_its_estimate_at_the_end_of_the_loading():
     assert found is None and words == (f"finite strain: linear elasticity would be off by "
                                        f"{made_estimate(**traction(0.0, 0.0, -20.0)):.1e} of the largest displacement, 0.0001 is allowed")
     found, words = chosen()
-    assert found is None and words == "finite strain: nothing presses the body at the places looked at"
+    assert found is None and words == ("finite strain: no load, support or obstacle was found to move the body, so there is nothing to "
+                                       "estimate the error of small strain by")
     assert chosen(obstacle=ball(1e-3, 1e-9))[1] == words
     assert chosen(support=[{"where": "x-min", "displacement": [0.0, 1e-6, 0.0]}])[0] is not None
 

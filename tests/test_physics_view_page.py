@@ -1,5 +1,7 @@
 """Where panels, names, title and colour bar stand on a page, in pixels; how long pictures of a film stand, and in which colours."""
 
+import errno
+
 import numpy as np
 import pytest
 from matplotlib import colormaps
@@ -9,6 +11,7 @@ from physics.mesh.build import build_mesh
 from physics.scene import Body
 from physics.view import drawing, flow, pictures
 from physics.view.page import DPI, Page, write_film
+from tests.full_disk import full_after
 
 GREY = np.full((90, 200, 3), 128, np.uint8)  # 200 wide, 90 high
 
@@ -142,3 +145,20 @@ def test_colours_of_the_bar_are_those_of_the_map():
     for share in (0.1, 0.5, 0.9):
         assert abs(bar[round(80 * share)] - 255 * np.array(colormaps["RdBu_r"](share)[:3])).max() < 12
     assert (shown[-60, 60:140] == 255).all() and (shown[-52, :58] == 255).all() and (shown[-52, 143:] == 255).all()
+
+
+@pytest.mark.parametrize("name, write", [
+    ("film.gif", lambda path: pictures.film(path, MESH, np.zeros((3, 6, 3)))),
+    ("mode.gif", lambda path: pictures.mode_film(path, MESH, np.ones((6, 3)))),
+    ("flow.gif", lambda path: flow.flow_film(path, MESH, turning(5))),
+    ("frame.png", lambda path: pictures.frame_picture(path, MESH, prediction=np.zeros((6, 3)), truth=np.ones((6, 3)), step=1, steps=2)),
+    ("still.png", lambda path: pictures.still_picture(path, MESH, np.zeros((3, 6, 3)), 1)),
+    ("mode.png", lambda path: pictures.mode_picture(path, MESH, np.ones((6, 3)))),
+    ("flow.png", lambda path: flow.flow_picture(path, MESH, turning(5), 3)),
+    ("segments.png", lambda path: pictures.segment_picture(path, MESH, np.arange(6)))])
+def test_on_a_full_disk_a_picture_is_not_there_and_the_error_says_its_name(tmp_path, drawn, name, write):
+    with full_after(20), pytest.raises(OSError) as error:
+        write(tmp_path / name)
+    assert error.value.filename == str(tmp_path / name) and error.value.errno == errno.EFBIG and not list(tmp_path.iterdir())
+    write(tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == [name] and Image.open(tmp_path / name).width >= 100

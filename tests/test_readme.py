@@ -9,6 +9,7 @@ import shlex
 import sys
 from contextlib import redirect_stdout
 
+import h5py
 import pytest
 
 import fidelity
@@ -66,6 +67,14 @@ def test_the_verbs_of_the_readme_run_on_its_scene(folder, monkeypatch, verb):
     run(command_of(verb))
     if "--out" in command_of(verb):
         assert (folder / command_of(verb)[-1]).stat().st_size > 1000
+
+
+def test_the_predictor_of_the_readme_is_sure_of_the_paths_of_its_sweep(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    (folder / "assets").symlink_to(ROOT / "assets")
+    run(command_of("sweep"))
+    with h5py.File(folder / "s.h5") as file:
+        assert file["unsure"].shape == (10_000, 1) and file["unsure"][:].mean() < 0.01
 
 
 def test_the_python_of_the_readme_says_how_far_off_a_prediction_is(folder, monkeypatch):

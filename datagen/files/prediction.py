@@ -19,6 +19,7 @@ from physics.fidelity.verify import as_table, verify
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
 from physics.schema import InputError, finite
+from physics.whole import write_whole
 
 
 def read_truth(path: str | Path) -> tuple[Trajectory, Scene, Mesh]:
@@ -141,8 +142,7 @@ def verify_files(prediction: str | Path, reference: str | Path, out: Path | None
 
         assert worst is not None
         _, mesh, u, v, step, surface = worst
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "verify.json").write_text(json.dumps(finite(result), indent=1))
+        write_whole(out / "verify.json", json.dumps(finite(result), indent=1).encode())
         frame_picture(out / "worst.png", mesh, prediction=u[step], truth=v[step], step=step, steps=len(v) - 1,
                       obstacle=None if surface is None else ObstacleSurface(*surface).at(step))
     return result

@@ -26,6 +26,7 @@ from physics.flow.stored import computed_mesh, stored
 from physics.mesh.mesh import Mesh
 from physics.scene import FlowScene, scene_of
 from physics.schema import InputError, finite
+from physics.whole import write_whole
 
 Floats = NDArray[np.float64]
 SAMPLE = 60  # frames whose equations are looked at
@@ -148,8 +149,7 @@ def verify_flows(files: list[tuple[str, Path, Path]], out: Path | None = None) -
     if out is not None and worst is not None:
         from physics.view import flow_picture
 
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "verify.json").write_text(json.dumps(finite(result), indent=1))
+        write_whole(out / "verify.json", json.dumps(finite(result), indent=1).encode())
         flow_picture(out / "worst.png", worst[1].mesh, read_trajectory(worst[2]).fields["velocity"], worst[3],
                      truth=worst[1].fields["velocity"])
     return result

@@ -36,6 +36,7 @@ from physics.mesh.refine import halved
 from physics.scene import FlowScene, Scene, Steps, scene_of
 from physics.schema import InputError
 from physics.solution import solve
+from physics.whole import write_whole
 
 FRAMES = 40  # steps of the refined solutions, or fewer: equilibria do not depend on how many lead to them
 
@@ -203,7 +204,7 @@ def _refined(folder: Path, manifest: dataset.Manifest, count: int, seed: int) ->
                 known[entry.sha256] = mesh_error(read_trajectory(folder / entry.file))
             except RuntimeError as error:  # recorded, and another one takes its place
                 known[entry.sha256] = {"failure": str(error)}
-            path.write_text(json.dumps(known, indent=1))
+            write_whole(path, json.dumps(known, indent=1).encode())
         if "failure" not in known[entry.sha256]:
             rows.append(known[entry.sha256])
         if len(rows) == count:

@@ -37,6 +37,7 @@ from learning.report.shown import exhibits, worst_frames
 from learning.report.table import JUDGED, Report, Row
 from learning.samples.seen import SeenRange, outside, read_seen
 from physics.fidelity.figures import field_columns, shown
+from physics.mesh.cell import CELLS
 from physics.schema import InputError, to_table
 from physics.view import ObstacleSurface, frame_picture
 
@@ -204,7 +205,7 @@ def _facts(runs: dict[str, Model | AtOnce], cases: Sequence[Case], found: Measur
     return facts | {
         "truth": "the files: they hold no scene, so there are no equations to check, and no reference that could be solved again"
                  if any(case.known is None for case in cases) else
-                 f"first-order {_words(case.mesh.cell + 's' for case in cases)}, "
+                 f"first-order {_words(CELLS[case.mesh.cell].plural for case in cases)}, "
                  f"{_words(material.law for case in cases for material in case.scene.materials)}; "
                  f"solved again here, it differs from the files by {1e3 * found.solved_again:.1e} mm at most (they hold 32-bit numbers)",
         "equations and mesh": f"checked at up to {SAMPLE} frames of each trajectory; errors and penetration at all frames",

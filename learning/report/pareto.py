@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from io import BytesIO
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from learning.report.table import Row
+from physics.whole import write_whole
 
 COLOURS = {"learned": "#c8102e", "foreign": "#14161a", "trivial": "#7a7d82", "fe": "#1f4e9c", "hybrid": "#7b2d8b", "reduced": "#c77700",
            "reference": "#0b7a4b"}
@@ -95,7 +97,9 @@ def pareto_picture(path: Path, rows: list[Row], *, across: str = TIME, up: str =
         canvas.draw()
     else:
         _label(axes, labels)
-    figure.savefig(path)
+    picture = BytesIO()
+    figure.savefig(picture, format="png")
+    write_whole(path, picture.getvalue())
 
 
 def _spread(axes: Any, rows: list[Row], error: str, factor: float) -> None:

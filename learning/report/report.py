@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import base64
 import csv
+import io
 import json
 import math
 from collections.abc import Sequence
@@ -41,6 +42,7 @@ from learning.report.table import (
 from learning.samples.seen import ALARM
 from physics.schema import finite
 from physics.view import Exhibit, section, shell
+from physics.whole import write_whole
 
 HERE = Path(__file__).parent
 STYLE = (HERE / "report.css").read_text() + "".join(f".{kind}{{--kind:{colour}}}\n" for kind, colour in COLOURS.items())
@@ -51,19 +53,18 @@ def write_report(out: Path, report: Report, exhibits: Sequence[Exhibit] = ()) ->
 
     exhibits: what the page shows to be turned and followed by hand
     """
-    out.mkdir(parents=True, exist_ok=True)
     content = finite({"summary": plain(headline(report)), "improvement_over_nothing_moves": improvement(report.rows),
                       "far_outside": far_outside(report, ALARM), **asdict(report)})
-    (out / "report.json").write_text(json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
-    with open(out / "table.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        names = [f"{key} [{column.si}]" for key, column in COLUMNS.items()]
-        writer.writerow(["predictor", "kind", *names])
-        for row in report.rows:
-            writer.writerow([row.name, row.kind, *(row.scores.get(key, math.nan) for key in COLUMNS)])
+    write_whole(out / "report.json", (json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode())
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(["predictor", "kind", *(f"{key} [{column.si}]" for key, column in COLUMNS.items())])
+    for row in report.rows:
+        writer.writerow([row.name, row.kind, *(row.scores.get(key, math.nan) for key in COLUMNS)])
+    write_whole(out / "table.csv", table.getvalue().encode())
     pareto_picture(out / "pareto.png", report.rows)
-    (out / "report.md").write_text(_markdown(report))
-    (out / "report.html").write_text(_page(report, out, exhibits))
+    write_whole(out / "report.md", _markdown(report).encode())
+    write_whole(out / "report.html", _page(report, out, exhibits).encode())
     return content
 
 

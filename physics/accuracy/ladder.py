@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from physics.body.element import samples
 from physics.contact.obstacles import Rigid
 from physics.mesh.build import across, build_mesh, of_order
-from physics.mesh.cell import SECOND
+from physics.mesh.cell import CELLS, SECOND
 from physics.mesh.mesh import Mesh
 from physics.mesh.refine import halved
 from physics.scene import PLANE_CELLS, Body, Scene
@@ -103,7 +103,7 @@ class MeshFamily:
         order = "second" if self.order == 2 else "first"
         if self.body.shape == "file":
             return f"the file's own, {order} order" + (f", each side in {sizes[0]}" if sizes[0] > 1 else "")
-        kind = "tetrahedra" if self.body.shape == "panel" else f"{self.body.cell}s" if len(sizes) == 2 else "hexahedra"
+        kind = "tetrahedra" if self.body.shape == "panel" else CELLS[self.body.cell].plural if len(sizes) == 2 else "hexahedra"
         return f"{' x '.join(map(str, sizes))} {kind}, {order} order"
 
     @property

@@ -205,7 +205,7 @@ def cells_said(scene: Scene) -> str:
     element = "" if scene.body.element == "standard" else f", {scene.body.element} element"
     if is_plane(scene.body):
         element += f", plane {scene.body.plane or 'strain'}, {scene.body.thickness or 1.0:g} m thick"
-    cells = "the cells of the file" if scene.body.shape == "file" else scene.body.cell + "s"
+    cells = "the cells of the file" if scene.body.shape == "file" else CELLS[scene.body.cell].plural
     return f"{cells}, of {'second' if scene.body.order == 2 else 'first'} order{element}"
 
 

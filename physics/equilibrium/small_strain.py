@@ -137,7 +137,8 @@ def choose(scene: Scene, mesh: Mesh, finite: Balance, allowed: float = LINEAR_TO
     extent = float(np.ptp(mesh.points, axis=0).max())
     loaded = finite.loaded
     if not loaded and depth <= 0:
-        return None, "finite strain: nothing presses the body at the places looked at"
+        return None, ("finite strain: no load, support or obstacle was found to move the body, so there is nothing to estimate the error "
+                      "of small strain by")
     if depth > DEEPEST * extent:
         return None, (f"finite strain: the obstacle reaches {depth:.2g} m into where the body rests, {depth / extent:.1g} of its largest "
                       f"extent; small strain is not tried above {DEEPEST:g}")

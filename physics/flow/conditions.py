@@ -134,14 +134,20 @@ class OpenEdges:
         """Blocks (F, k, k) of share / h (p, q) over the edges, with the cell and the local pressure nodes (F, k) of each."""
         values = _on_edge(self._order - 1)
         block = share * np.einsum("g,gi,gj->ij", GAUSS[1] / 2, values, values)
-        nodes, cells = self._pressure.along_edges(self._mesh, self._edges), self._mesh.cells
-        base = int(cells.max()) + 1
-        sides = np.sort(np.concatenate([cells[:, pair] for pair in OPPOSITE]), axis=1)
-        keys, wanted = sides @ [base, 1], np.sort(self._edges, axis=1) @ [base, 1]
-        rank = np.argsort(keys)
-        owner = rank[np.searchsorted(keys, wanted, sorter=rank)] % len(cells)
+        nodes = self._pressure.along_edges(self._mesh, self._edges)
+        owner, _ = owners(self._mesh, self._edges)
         local = (self._pressure.cells[owner][:, :, None] == nodes[:, None, :]).argmax(axis=1)
         return owner, local, np.broadcast_to(block, (len(owner), *block.shape))
+
+
+def owners(mesh: Mesh, edges: Integers) -> tuple[Integers, Integers]:
+    """(F,) the cell of each edge (F, 2) of the boundary, and which of its edges `OPPOSITE` it is."""
+    base = int(mesh.cells.max()) + 1
+    sides = np.sort(np.concatenate([mesh.cells[:, pair] for pair in OPPOSITE]), axis=1)
+    keys, wanted = sides @ [base, 1], np.sort(edges, axis=1) @ [base, 1]
+    rank = np.argsort(keys)
+    side, owner = np.divmod(rank[np.searchsorted(keys, wanted, sorter=rank)], len(mesh.cells))
+    return owner, side
 
 
 def _on_edge(order: int) -> Floats:

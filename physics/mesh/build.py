@@ -19,7 +19,7 @@ def build_mesh(body: Body) -> Mesh:
     """The mesh of a body, built or read; of a solid of order 2 it has second-order cells. Raises `InputError` when a file is not sound."""
     if body.shape == "file":
         assert body.path is not None
-        mesh = read_mesh(body.path, order=body.order, scale=body.scale or 1.0)
+        mesh = read_mesh(body.path, order=body.order, scale=body.scale)
     elif body.shape == "channel":
         mesh = channel(body) if body.hole_cell_size is None else graded_channel(body)
     elif body.shape == "panel":

@@ -7,7 +7,7 @@ without one, by their numbers; see places.py for names that stand for several.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree.ElementTree import ParseError
 
@@ -22,10 +22,12 @@ from physics.mesh.sound.cells import by_shape, once, upright
 from physics.mesh.sound.curved import curved
 from physics.mesh.sound.fit import fitting
 from physics.schema import InputError, missing
+from physics.whole import written_whole
 
 OWN = {".msh": gmsh.read, ".inp": abaqus.read, ".su2": su2.read, ".bdf": nastran.read, ".nas": nastran.read, ".fem": nastran.read}
 DRAWN = (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".geo_unrolled")
 SMALLEST, LARGEST = 1e-9, 1e9  # [m] a body
+LONG = 20.0  # [m] past which a body of a file without a scale may be in millimetres
 
 
 @dataclass(frozen=True)
@@ -46,28 +48,37 @@ class Found:
         return f"cell {self.labels[i]}" + ("" if self.count is None else f" of {self.count}")
 
 
-def read_mesh(path: str | Path, *, order: int = 1, scale: float = 1.0) -> Mesh:
+def read_mesh(path: str | Path, *, order: int = 1, scale: float | None = None) -> Mesh:
     """The body in a mesh file, with its groups as places.
 
     Args:
-        scale: what the file's coordinates are multiplied by to be metres
+        scale: what the file's coordinates are multiplied by to be metres; 1 when left out, and a remark asks whether that was meant
+            where the body is long
 
     Raises:
         InputError: no such file, a format that is not known, no cells, several kinds of cells in the body, a curved surface,
             cells that are none or do not fit together (sound/), or prisms where `order` is 2
     """
     try:
-        return _mesh(_read(Path(path)), order, scale)
+        mesh = _mesh(_read(Path(path)), order, scale or 1.0)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+    extent = float(np.ptp(mesh.points, axis=0).max())
+    if scale is None and extent > LONG:
+        mesh = replace(mesh, remarks=(*mesh.remarks, f"the body is {extent:.3g} m long: is the file in mm? then body.scale = 0.001"))
+    return mesh
 
 
 def write_mesh(path: str | Path, mesh: Mesh, fields: dict[str, Floats]) -> None:
-    """Write a mesh and its nodal fields (N,) or (N, 3) to a file of any kind that meshio knows by its ending; its folder is made."""
+    """Write a mesh and its nodal fields (N,) or (N, 3) to one file of any kind that meshio knows by its ending, whole or not at all.
+
+    Its folder is made. Raises OSError naming the file.
+    """
     import meshio
 
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    meshio.Mesh(mesh.points, [(CELLS[mesh.cell].meshio, mesh.cells)], point_data=fields).write(path)
+    kind = meshio.extension_to_filetypes[Path(path).suffix.lower()][0]
+    with written_whole(path) as part:
+        meshio.Mesh(mesh.points, [(CELLS[mesh.cell].meshio, mesh.cells)], point_data=fields).write(part, file_format=kind)
 
 
 def _read(path: Path) -> Raw:

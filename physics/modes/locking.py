@@ -18,6 +18,7 @@ from physics.scene import Material, Materials, Scene
 
 Floats = NDArray[np.float64]
 INCOMPRESSIBLE = 0.49  # Poisson's ratio from which cells of standard sampling are told of
+CLOSEST = 0.49999  # Poisson's ratio past which rounding may keep an equilibrium from being found
 TOLD = 0.05  # of a frequency, which is 10 % of the stiffness
 CHUNK = 20_000  # cells at once
 RIGID = 1e-7  # strain over displacement by extent, below which a body is not strained; in the thinnest beam that bends it is 1e-4
@@ -45,13 +46,13 @@ def said_of_path(scene: Scene, mesh: Mesh, displacement: Floats, energy: Floats,
     if not energy[step] > 0:
         return ()
     if scene.body.order == 2:
-        return _said_of_volume(scene, mesh, "coarse cells resist too stiffly even so")
+        return _said_of_volume(scene, mesh)
     if not _may_lock(scene):
         return ()
     finite = not scene.linear and step > linear
     stiff = too_stiff(mesh, displacement[step], scene.material, scene.body.element, finite=finite)
     if (1 + stiff) ** 0.5 - 1 < TOLD:
-        return _said_of_volume(scene, mesh, "cells of first order resist too stiffly")
+        return _said_of_volume(scene, mesh)
     reduced = mesh.cell == "prism" and scene.body.shape == "beam" and scene.body.extent[0] >= max(scene.body.extent[1:])
     second = "tetrahedra or hexahedra of order 2" if mesh.cell == "prism" else "body.order = 2"
     other = (', or body.element = "reduced"' if reduced else "") + (f", or {second}" if mesh.dimension == 3 else "")
@@ -59,13 +60,21 @@ def said_of_path(scene: Scene, mesh: Mesh, displacement: Floats, energy: Floats,
             f"or pushes back too hard; take smaller cells{other}",)
 
 
-def _said_of_volume(scene: Scene, mesh: Mesh, what: str) -> tuple[str, ...]:
+def said_of_failure(scene: Scene, mesh: Mesh) -> tuple[str, ...]:
+    """What may be in the way of an equilibrium near a Poisson ratio of 1/2, where a change of volume takes any force."""
+    close = max(material.poisson_ratio for material in scene.materials) > CLOSEST
+    rounding = f"take a Poisson's ratio of at most {CLOSEST:g}: closer to 1/2 the body moves the same, and rounding may be in the way"
+    return (*_said_of_volume(scene, mesh), *[rounding] * close)
+
+
+def _said_of_volume(scene: Scene, mesh: Mesh) -> tuple[str, ...]:
     """A remark on solid cells that keep their volume at too many points, near a Poisson ratio of 1/2; strain need not jump for that."""
     largest = max(material.poisson_ratio for material in scene.materials)
     if mesh.dimension == 2 or scene.body.element != "standard" or largest < INCOMPRESSIBLE:
         return ()
     order = "body.order = 2 and " if mesh.cell == "tetrahedron" else ""
-    return (f"Poisson's ratio is {largest:g}: {what}; take {order}body.element = \"mean-dilatation\"",)
+    what = "coarse cells resist too stiffly even so" if scene.body.order == 2 else "cells of first order resist too stiffly"
+    return (f"Poisson's ratio is {largest:.12g}: {what}; take {order}body.element = \"mean-dilatation\"",)
 
 
 def too_high(mesh: Mesh, shape: Floats, material: Materials, element: str = "standard") -> float:

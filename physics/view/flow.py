@@ -12,7 +12,7 @@ import numpy as np
 
 from physics.mesh.mesh import Mesh
 from physics.view.drawing import Floats, Pixels, draw, eye_for, fit, panel_size
-from physics.view.page import Page, write_film
+from physics.view.page import Page, write_film, write_picture
 
 COLOURS, LABEL = "RdBu_r", "vorticity [1/s]"
 
@@ -34,9 +34,9 @@ def flow_picture(path: str | Path, mesh: Mesh, velocity: Floats, frame: int, *, 
     """Write one frame of velocities (T, N, 3) [m/s] as PNG, beside a truth where there is one."""
     chosen = [flow[frame][None] for flow in (velocity, truth) if flow is not None]
     drawn = _Drawn(mesh, chosen, names)
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
     fastest = float(np.linalg.norm(velocity[frame], axis=1).max())
-    drawn.page(0).show(drawn.panels(0), f"frame {frame} of {len(velocity) - 1}:  largest speed {fastest:.3g} m/s").save(path)
+    title = f"frame {frame} of {len(velocity) - 1}:  largest speed {fastest:.3g} m/s"
+    write_picture(path, drawn.page(0).show(drawn.panels(0), title))
 
 
 def flow_film(path: str | Path, mesh: Mesh, velocity: Floats, *, truth: Floats | None = None, frames: int = 60, seconds: float = 6.0,

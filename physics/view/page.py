@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -14,6 +16,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from physics.view.drawing import Pixels
+from physics.whole import write_whole
 
 DPI = 100  # [pixels per inch]
 
@@ -48,10 +51,16 @@ class Page:
         return Image.fromarray(np.asarray(self.canvas.buffer_rgba())[..., :3].copy())
 
 
+def write_picture(path: str | Path, picture: Image.Image, **options: Any) -> None:
+    """Write a picture as what its name ends in, whole or not at all; its folder is made. Raises OSError naming the file."""
+    content = BytesIO()  # made in memory, because the name to write to at first has another ending
+    picture.save(content, Image.registered_extensions()[Path(path).suffix.lower()], **options)
+    write_whole(path, content.getvalue())
+
+
 def write_film(path: str | Path, pictures: list[Image.Image], durations: list[int]) -> None:
-    """A GIF that runs for ever, in a folder that is made; durations [ms]. One palette for all pictures, so that colours do not flicker."""
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    """A GIF that runs for ever; durations [ms]. One palette for all pictures, so that colours do not flicker."""
     few = [np.asarray(picture) for picture in pictures[::max(1, len(pictures) // 4)] + pictures[-1:]]
     palette = Image.fromarray(np.concatenate(few)).quantize(256, method=Image.Quantize.MEDIANCUT)
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=durations, loop=0)
+    write_picture(path, pictures[0], save_all=True, append_images=pictures[1:], duration=durations, loop=0)

@@ -12,7 +12,7 @@ from PIL import Image
 
 from physics.mesh.mesh import Mesh
 from physics.view.drawing import Floats, Integers, ObstacleSurface, draw, eye_for, fit, panel_size
-from physics.view.page import Page, write_film
+from physics.view.page import Page, write_film, write_picture
 
 FILM = 20  # pictures of a mode's film
 ERROR_COLOURS, SIZE_COLOURS, VALUE_COLOURS = "YlOrRd", "viridis", "RdBu_r"
@@ -37,7 +37,7 @@ def frame_picture(path: str | Path, mesh: Mesh, *, prediction: Floats, truth: Fl
     moved = 1e3 * float(np.linalg.norm(truth, axis=1).max())
     title = f"step {step} of {steps}:  largest error {top:.3g} mm,  largest displacement {moved:.3g} mm"
     page = Page((left, right), names, (0, top), ERROR_COLOURS, "error: distance of each node from its true place [mm]")
-    page.show((left, right), title).save(path)
+    write_picture(path, page.show((left, right), title))
 
 
 def still_picture(path: str | Path, mesh: Mesh, displacement: Floats, frame: int, *, obstacle: ObstacleSurface | None = None) -> None:
@@ -48,8 +48,7 @@ def still_picture(path: str | Path, mesh: Mesh, displacement: Floats, frame: int
     panel = draw(mesh, displacement[frame], size, limits, SIZE_COLOURS, camera, panel_size(camera, 1), obstacle=here)
     page = Page((panel,), ("",), limits, SIZE_COLOURS, "displacement [mm]")
     title = f"step {frame} of {len(displacement) - 1}:  largest displacement {size.max():.3g} mm"
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    page.show((panel,), title).save(path)
+    write_picture(path, page.show((panel,), title))
 
 
 def film(path: str | Path, mesh: Mesh, displacement: Floats, *, truth: Floats | None = None,
@@ -97,12 +96,12 @@ def segment_picture(path: str | Path, mesh: Mesh, segment: Integers, *, obstacle
     still, eye = np.zeros_like(mesh.points), eye_for(mesh)
     camera = fit([mesh.points], obstacle, eye)
     panel = draw(mesh, still, colours[np.concatenate(facets)], (0, 1), SIZE_COLOURS, camera, panel_size(camera, 1), obstacle=obstacle)
-    Image.fromarray(panel).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    write_picture(path, Image.fromarray(panel).quantize(256, dither=Image.Dither.NONE), optimize=True)
 
 
 def mode_picture(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "") -> None:
     """Write a mode as PNG, 600 pixels wide; what it shows stands at `mode_film`."""
-    _mode_frames(mesh, mode, title, [1.0])[0].save(path)
+    write_picture(path, _mode_frames(mesh, mode, title, [1.0])[0])
 
 
 def mode_film(path: str | Path, mesh: Mesh, mode: Floats, *, title: str = "", frames: int = FILM, seconds: float = 1.6) -> None:
