@@ -182,7 +182,7 @@ def test_after_a_failure_the_step_that_failed_is_tried_again(tmp_path, capsys):
 
 def start(scene, out, *, limit=0):
     """`fidelity simulate` in a process of its own that saves every step; limit [bytes] on the size of files, as a disk has."""
-    code = ("import sys, resource, fidelity; from physics import journal; journal.EVERY = 0.0\n"
+    code = ("import sys, resource, fidelity; from physics import fem, journal; journal.EVERY = 0.0\n"  # with MPI begun
             f"if {limit}: resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))\n"
             "sys.exit(fidelity.main(sys.argv[1:]))")
     return subprocess.Popen([sys.executable, "-c", code, "simulate", scene, "--out", out], cwd=ROOT, stderr=subprocess.PIPE, text=True,
