@@ -140,7 +140,8 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
 
 
 def elastic_problem(scene: Scene, mesh: Mesh, *, spread: bool = False) -> tuple[Problem, fem.Space]:
-    """Stiffness and mass of a scene's body with its supports, and the space that they live in. Per metre of a plane body."""
+    """Stiffness and mass of a scene's body with its supports, and the space that they live in, to be kept as long as they are used. Per
+    metre of a plane body."""
     fixed = held(scene, mesh)
     space = fem.Space(mesh, order=scene.body.order, spread=spread)
     u, v = ufl.TrialFunction(space.V), ufl.TestFunction(space.V)

@@ -17,6 +17,7 @@ Legend: m pairs, n unknowns of an inverse on this process.
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -110,6 +111,8 @@ def _refined(problem: Problem, inverse: Inverse, shift: float, values: Floats, v
     x = found.astype(np.longdouble)
     for _ in range(4):
         force, inertia = (stiff @ x) * free, (heavy @ x) * free
+        _, turn = scipy.linalg.eigh((x.T @ force).astype(float), (x.T @ inertia).astype(float))  # equals are mixed as they like
+        x, force, inertia = x @ turn, force @ turn, inertia @ turn
         refined = (x * force).sum(axis=0) / (x * inertia).sum(axis=0)
         residual = force - refined * inertia
         residuals = np.sqrt((residual**2).sum(axis=0) / (inertia**2).sum(axis=0)) / scales
@@ -127,8 +130,8 @@ def _refined(problem: Problem, inverse: Inverse, shift: float, values: Floats, v
 
 
 def _extended(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
-    """A matrix in extended precision."""
+    """A matrix in extended precision, without what rounding makes of its symmetry."""
     starts, columns, entries = matrix.getValuesCSR()
     wide = scipy.sparse.csr_matrix((entries.astype(np.longdouble), columns, starts), shape=matrix.getSize())
     wide.eliminate_zeros()
-    return wide
+    return ((wide + wide.T) / 2).tocsr()
