@@ -154,7 +154,9 @@ def main(arguments: list[str] | None = None) -> int:
         return _fail("out of memory; finished files are kept", 1)
     except OSError as error:
         return _fail(f"{error.filename or 'cannot write'}: {error.strerror or error}", 2 if error.errno == errno.ENAMETOOLONG else 1)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, ImportError) as error:  # the latter where a library was being loaded
+        if isinstance(error, ImportError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
         return _fail("stopped; finished files are kept", 130)
 
 

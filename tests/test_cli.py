@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -231,6 +232,21 @@ def test_bad_input_ends_in_one_line_and_status_2(capsys, scene, tmp_path, monkey
     assert status == 2 and out == ""
     assert err.count("\n") == 1 and words in err
     assert {path.name for path in tmp_path.iterdir()} == {"scene.toml"}  # nothing is left behind
+
+
+def test_a_stop_that_a_library_makes_an_error_of_its_loading_is_a_stop(scene, tmp_path, monkeypatch, capsys):
+    def loading(*given, **rest):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as stop:
+            raise ImportError("initialization failed") from stop
+
+    monkeypatch.setattr(fidelity, "_parser", lambda: argparse_of(loading))
+    assert fidelity.main([]) == 130 and capsys.readouterr().err == "fidelity: stopped; finished files are kept\n"
+
+
+def argparse_of(function):
+    return SimpleNamespace(parse_args=lambda arguments: SimpleNamespace(verb="simulate", verb_function=function, json=False))
 
 
 @pytest.mark.parametrize("seconds", [0.3, 0.6])
