@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from physics.mesh.cell import CELLS
-from physics.mesh.mesh import Entities, Mesh, rows_in
+from physics.mesh.mesh import Entities, Mesh
 from physics.mesh.second import further, is_curved, middle_nodes
+from physics.mesh.sound.rows import rows_in
 
 Floats = NDArray[np.float64]
 # A crash shall be a crash: PETSc's handler of signals may wait forever for a lock that the crash left behind.

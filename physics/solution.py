@@ -89,7 +89,7 @@ class Solution:
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
           journal: str | Path | None = None, tolerance: float = TOLERANCE, method: str | None = None,
           spread: bool = False, final: bool = False, partial: bool = False, small_strain: float = LINEAR_TOLERANCE,
-          snaps: bool = True) -> Solution:
+          snaps: bool = True, look: bool = True) -> Solution:
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
@@ -105,6 +105,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         small_strain: error over the largest displacement that linear elasticity may make in place of finite strain
         snaps: whether the path goes on where the body snaps through or slips off; otherwise it cannot be followed beyond
         partial: give what was reached of a path that cannot be followed to its end, and why in `failure`, in place of raising
+        look: whether to look for folds of the body and cells inside out, which `of_path` does
 
     Returns:
         the path; the last row of each array is its end
@@ -117,7 +118,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     """
     if final:
         return _final(scene, mesh=mesh, on_step=on_step, journal=journal, tolerance=tolerance, method=method, spread=spread,
-                      partial=partial, small_strain=small_strain, snaps=snaps)
+                      partial=partial, small_strain=small_strain, snaps=snaps, look=look)
     started, processor = time.perf_counter(), time.process_time()
     mesh = of_order(mesh or build_mesh(scene.body), scene.body)
     path = _way(scene, mesh, tolerance, method, spread, small_strain, snaps)
@@ -137,7 +138,8 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
         model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, every=1, failure=failure)
-    found = of_path(scene, found)
+    if look:
+        found = of_path(scene, found)
     if failure and not partial:
         raise NoEquilibrium(failure, found)
     return found

@@ -8,7 +8,7 @@ import pytest
 from physics.body.elasticity import Elasticity
 from physics.body.material import LAWS
 from physics.mesh.build import build_mesh
-from physics.scene import Body, Material
+from physics.scene import Body, Material, Where
 from physics.solution import solve
 from tests.dolfinx_elasticity import assert_assembled_as_by_dolfinx
 from tests.invariants import assert_forces_and_stiffness_are_derivatives, assert_rigid_motion_stores_nothing
@@ -55,10 +55,30 @@ def test_forces_and_stiffness_are_derivatives(law):
     assert_forces_and_stiffness_are_derivatives(elasticity)
 
 
-def test_mass_is_that_of_the_body():
-    _, elasticity, _ = distorted("prism")
-    weight = elasticity.weight(np.array([0, 0, -9.81]))
-    assert weight.sum(axis=0) == pytest.approx([0, 0, -9.81 * 1000 * 0.3 * 0.2 * 0.2], rel=1e-12, abs=1e-9)
+@pytest.mark.parametrize("cell", [*CELLS, "triangle", "quadrilateral", "tetrahedron10", "hexahedron27"])
+def test_weight_is_that_of_the_mass_matrix_and_of_the_body(cell):
+    """Node by node as dolfinx's mass has it, on distorted cells of two densities; in sum that of the body."""
+    plane, second = cell in ("triangle", "quadrilateral"), cell[-1].isdigit()
+    size = {"shape": "plate", "thickness": 0.05} if plane else {"height": 0.2}
+    body = Body(length=0.3, width=0.2, cells=(3, 2) if plane else (3, 2, 2), cell=cell.rstrip("0127"), order=1 + second, **size)
+    mesh = build_mesh(body)
+    moves = np.random.default_rng(1).uniform(-0.02, 0.02, mesh.points.shape) * [0, 1, not plane]  # each part keeps its volume
+    inner = np.setdiff1d(np.arange(len(mesh.points)), np.concatenate(list(mesh.places.values())))
+    if second:  # sides that stay straight
+        inner = inner[:0]
+    mesh = dataclasses.replace(mesh, points=mesh.points + np.where(np.isin(np.arange(len(mesh.points)), inner)[:, None], moves, 0))
+    dense, light = (Material(young_modulus=1e6, poisson_ratio=0.3, density=density, where=where)
+                    for density, where in ((1000.0, Where(box=((0, -1, -1), (0.1, 1, 1)))), (30.0, None)))
+    elasticity = Elasticity(mesh, (dense, light), np.zeros(mesh.points.shape, bool))
+    down = np.array([0.5, -9.81, 0 if plane else 2.0])
+    mass = elasticity.mass()
+    rows = mass.convert("dense").getDenseArray().copy()
+    order = elasticity.space.dofs.ravel()
+    expected = (rows[np.ix_(order, order)] @ np.tile(down, len(mesh.points))).reshape(-1, 3)
+    weight = elasticity.weight(down)
+    assert weight == pytest.approx(expected, rel=1e-12, abs=1e-12 * abs(expected).max())
+    volume = 0.1 * 0.2 * (0.05 if plane else 0.2)
+    assert weight.sum(axis=0) == pytest.approx((1000 * volume + 30 * 2 * volume) * down, rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize("stretch", UNIAXIAL)

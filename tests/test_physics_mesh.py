@@ -10,7 +10,7 @@ import pytest
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.files import write_mesh
-from physics.mesh.mesh import Mesh, closure, pieces, rows_in, unique_edges
+from physics.mesh.mesh import Mesh, closure, pieces, unique_edges
 from physics.mesh.shapes.boxes import faces
 from physics.scene import Body, read_body
 from physics.schema import InputError
@@ -208,16 +208,6 @@ def test_all_that_a_prism_is_made_of():
     assert {k: rows.tolist() for k, rows in found.items()} == {
         1: [[1], [2], [3], [4], [5], [7], [9]], 2: [[1, 2], [1, 3], [1, 5], [2, 3], [2, 7], [3, 9], [5, 7], [5, 9], [7, 9]],
         3: [[1, 2, 3], [5, 7, 9]], 4: [[1, 2, 5, 7], [1, 3, 5, 9], [2, 3, 7, 9]], 6: [[1, 2, 3, 5, 7, 9]]}
-
-
-def test_rows_are_found_in_any_order_of_their_numbers():
-    rng = np.random.default_rng(0)
-    for k in (1, 2, 3, 4):
-        rows, table = (np.stack([rng.permutation(6)[:k] for _ in range(n)]) for n in (40, 12))
-        known = {frozenset(row) for row in table.tolist()}
-        assert rows_in(rows, table).tolist() == [frozenset(row) in known for row in rows.tolist()]
-    assert rows_in(rows, table[:0]).tolist() == [False] * 40 and rows_in(rows[:0], table).tolist() == []
-    assert rows_in(np.array([[0, 3], [1, 0]]), np.array([[1, 0]])).tolist() == [False, True]  # 0 * base + 3 = 1 * base + 0 if base were 3
 
 
 def test_pieces_hang_together_by_cells():

@@ -85,9 +85,3 @@ def test_what_a_file_leaves_out_lies_where_the_functions_of_the_rest_put_it(kind
                     row = keys.tolist().index(sorted(cell[list(entity)].tolist()))
                     expected = literal_map(kind, local, factor, np.pad(centre, (0, 3 - len(centre))))
                     assert places[row] == pytest.approx(expected, abs=1e-12)
-
-
-def test_rows_are_found_where_they_stand_in_a_table():
-    table = np.array([[4, 7], [0, 3], [5, 6]])
-    assert curved.row_in(table, np.array([[5, 6], [0, 4], [4, 7], [0, 3], [9, 9], [5, 6]])).tolist() == [2, -1, 0, 1, -1, 2]
-    assert curved.row_in(table, np.empty((0, 2), int)).tolist() == [] and curved.row_in(np.empty((0, 2), int), table).tolist() == [-1] * 3

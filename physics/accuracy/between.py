@@ -61,7 +61,8 @@ def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None
             if on_step is not None:
                 on_step(step * every)
 
-        found = solve(replace(scene, steps=replace(scene.steps, count=solved)), on_step=reached, partial=True, **how)
+        fewer = replace(scene, steps=replace(scene.steps, count=solved))
+        found = solve(fewer, on_step=reached, partial=True, look=False, **how)
         if found.failure or found.snap.any():
             break
         off = missed(choice, found, 1)

@@ -67,8 +67,8 @@ def choose(scene: Scene, most: int = MOST_NODES) -> Choice:
             loose = _tightened(pilots, climb, LOOSE * asked)
 
     best, other = climbed([Climb(kind, pilots, MESH * asked, most, kind.base) for kind in kinds], begun)
-    chosen, mesh = best.family.rung(best.sizes)
-    return Choice(chosen, mesh, best, pilots.tolerance, pilots.small_strain, loose, pilots, asked, quantity, other)
+    chosen, _ = best.family.rung(best.sizes)
+    return Choice(chosen, best.pilot.mesh, best, pilots.tolerance, pilots.small_strain, loose, pilots, asked, quantity, other)
 
 
 def climbed(climbs: list[Climb], begun: Callable[[Climb], None] = lambda climb: None) -> tuple[Climb, Climb | None]:

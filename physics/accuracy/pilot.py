@@ -25,7 +25,7 @@ from physics.body.stress import nodal_stress, recovery, von_mises_of
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.state import HALVINGS, NoEquilibrium, State
 from physics.mesh.mesh import Mesh
-from physics.mesh.transfer import CANDIDATES, interpolate
+from physics.mesh.transfer import CANDIDATES, carried, located
 from physics.scene import Scene
 from physics.solution import Solution, solve
 
@@ -71,6 +71,7 @@ class Pilots:
         self.fractions = np.arange(1, (poses := min(self.count, few(scene))) + 1) / poses
         self._known: dict[tuple[int, Sizes, float], Pilot] = {}
         self._last: Pilot | None = None
+        self._placed: tuple[Mesh | None, NDArray[np.int64], Floats] = None, np.empty((0, 0), np.int64), np.empty((0, 0))
 
     def __call__(self, family: MeshFamily, sizes: Sizes, tolerance: float | None = None) -> Pilot:
         tolerance = tolerance or self.tolerance
@@ -111,13 +112,20 @@ class Pilots:
         if self.quantity == "reaction":
             return reaction[:, None]
         if self.quantity == "displacement":
-            return np.asarray(self.carried(mesh, u, self.points))
-        return np.asarray(self.carried(mesh, _stress(scene, mesh, u, linear)[..., None], self.points))
+            return self._at_points(mesh, u)
+        return self._at_points(mesh, _stress(scene, mesh, u, linear)[..., None])
 
-    def carried(self, mesh: Mesh, values: Floats, points: Floats, outside_by: float = 1e-6) -> Floats:
-        """(K, M, d) what nodes have (K, N, d) at points (M, 3) of the body, or outside of it by so many cells."""
+    def _at_points(self, mesh: Mesh, values: Floats) -> Floats:
+        """(K, M, d) what nodes have (K, N, d) at the points that all meshes share."""
+        if mesh is not self._placed[0]:  # the same mesh is mostly asked again
+            self._placed = mesh, *self._located(mesh, self.points, 1e-6)
+        _, nodes, weights = self._placed
+        return np.asarray(carried(values, nodes, weights))
+
+    def _located(self, mesh: Mesh, points: Floats, outside_by: float) -> tuple[NDArray[np.int64], Floats]:
+        """Where points (M, 3) of the body lie, or outside of it by so many cells: see `transfer.located`."""
         even = EVEN.get(mesh.cell, CANDIDATES) if self.scene.body.shape in ("beam", "plate") else CANDIDATES
-        return np.asarray(interpolate(mesh, values, points, outside_by=outside_by, candidates=even, few=min(even, FEW)))
+        return located(mesh, points, outside_by, even, min(even, FEW))
 
     def _fewer(self, found: Pilot) -> Pilot:
         """Keep the poses that are enough from here on."""
@@ -138,7 +146,7 @@ class Pilots:
         if path.linear is None:
             self.small_strain = 0.0
         states, linear = [], []
-        starts = self.carried(near.mesh, near.u, mesh.points, outside_by=1.0)
+        starts = carried(near.u, *self._located(near.mesh, mesh.points, 1.0))
         for fraction, start in zip(map(float, fractions), starts, strict=True):
             balance = path.balance
             if path.linear is None and not balance.rests(fraction):
@@ -163,7 +171,7 @@ class Pilots:
         while True:
             count = min(each, -(-self.count // poses)) * poses
             found = solve(replace(scene, steps=replace(scene.steps, count=count)), mesh=mesh, tolerance=tolerance,
-                          small_strain=self.small_strain, partial=True)
+                          small_strain=self.small_strain, partial=True, look=False)
             if not (found.failure or found.snap.any()) or count >= self.count:
                 break
             each *= 4

@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from physics import fem, threads
-from physics.body.element import Samples, samples
+from physics.body.element import Samples, node_volumes, samples
 from physics.body.kernel import SHARED, Kernel
 from physics.body.material import Cells, by_region, cellwise, lame
 from physics.linalg.stiffness import Stiffness
+from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
+from physics.mesh.second import is_curved
 from physics.scene import Materials
 from physics.schema import InputError
 
@@ -105,12 +107,16 @@ class Elasticity:
 
     def weight(self, acceleration: Floats) -> Floats:
         """(N, 3) nodal forces [N] of a uniform acceleration (3,) [m/s2]."""
-        mass = self.mass()
-        right, left = mass.createVecs()
-        right.array[:] = self.space.to_dofs(np.broadcast_to(acceleration, self.mesh.points.shape))
-        mass.mult(right, left)
-        mass.destroy()
-        return self.space.from_dofs(left.array)
+        if CELLS[self.mesh.cell].middles and is_curved(self.mesh):  # shape functions that the rule of the cells cannot integrate
+            mass = self.mass()
+            right, left = mass.createVecs()
+            right.array[:] = self.space.to_dofs(np.broadcast_to(acceleration, self.mesh.points.shape))
+            mass.mult(right, left)
+            mass.destroy()
+            return self.space.from_dofs(left.array)
+        density = cellwise(self.material, self.mesh, lambda own: own.density)
+        share = np.reshape(density, (-1, 1)) * node_volumes(self.mesh)
+        return np.bincount(self.cells.ravel(), share.ravel(), len(self.mesh.points))[:, None] * acceleration
 
 
 def _kernel(law: str, mesh: Mesh, sampled: Samples, cells: Cells) -> Kernel:

@@ -77,6 +77,12 @@ def samples(mesh: Mesh, element: str = "standard") -> Samples:
                    np.array([(0.0, 1.0)] * len(volumes) + [(1.0, 0.0)]))
 
 
+def node_volumes(mesh: Mesh) -> Floats:
+    """(C, n) [m3] the integral over each cell of the shape function of each of its nodes, where its sides are straight."""
+    cell = CELLS[mesh.cell]
+    return np.asarray(_isoparametric(mesh, cell.points, cell.weights)[1].T @ cell.shapes(cell.points)[0])
+
+
 def _isoparametric(mesh: Mesh, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """Gradients (P, C, n, 3) and volumes (P, C) at points of every cell; those of a plane cell have no part along z."""
     local = CELLS[mesh.cell].shapes(points)[1]  # (P, n, 3)

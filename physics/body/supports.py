@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from physics.body.pressure import POINTS, pressure_force, tangents
 from physics.mesh.cell import CELLS
-from physics.mesh.mesh import Mesh, rows_in
+from physics.mesh.mesh import Mesh
 from physics.mesh.sound.fit import described, joined, piece_of
+from physics.mesh.sound.rows import rows_in, unique_rows
 from physics.scene import Scene, Where
 from physics.schema import InputError
 
@@ -50,24 +51,25 @@ def pieces_held(scene: Scene, mesh: Mesh) -> tuple[str, ...]:
 
 def loose(mesh: Mesh, fixed: NDArray[np.bool_]) -> str:
     """Which rigid motions the held components (N, 3) leave free, of each piece and of parts that hinge on shared nodes; "" if none."""
-    label = piece_of(len(mesh.points), mesh.cells)
+    part, nodes = joined(mesh.cells, mesh.cell), len(mesh.points)
+    whole = not part.any() and np.bincount(mesh.cells.ravel(), minlength=nodes).all()
+    label = np.zeros(nodes, np.int64) if whole else piece_of(nodes, mesh.cells)
     count = int(label.max()) + 1
     for piece in range(count):
-        nodes = label == piece
-        if free := rigid_motions_left(replace(mesh, points=mesh.points[nodes]), fixed[nodes]):
+        own = label == piece
+        if free := rigid_motions_left(replace(mesh, points=mesh.points[own]), fixed[own]):
             many = f"{free} rigid motion{'s' if free > 1 else ''}"
             if count == 1:
                 return f"{many} of the body left free; fix more components"
             return f"{many} of one of {count} pieces left free: {described(mesh.points, mesh.cells, label, piece)}; fix more components"
-    if free := _hinged(mesh, fixed):
+    if free := _hinged(mesh, fixed, part):
         return (f"{free} motion{'s' if free > 1 else ''} left free: parts of the mesh hang together at single nodes or edges and turn "
                 "about them; let them share faces, or fix more components")
     return ""
 
 
-def _hinged(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
-    """How many motions are free when each part that hangs together by facets is rigid, and parts move together where they share nodes."""
-    part = joined(mesh.cells, mesh.cell)
+def _hinged(mesh: Mesh, fixed: NDArray[np.bool_], part: NDArray[np.int64]) -> int:
+    """How many motions are free when each part (C,) that hangs together by facets is rigid, and parts move together at shared nodes."""
     count = int(part.max()) + 1
     if not 1 < count <= MOST_PARTS:
         return 0
@@ -93,9 +95,10 @@ def traction_load(scene: Scene, mesh: Mesh) -> Floats:
     force = np.zeros_like(mesh.points)
     for i, load in enumerate(scene.load):
         if load.traction is not None and load.where is not None:
-            if wrong := _no_face(mesh, load.where):
+            facets = mesh.facets(load.where)
+            if wrong := _no_face(mesh, load.where, facets):
                 raise InputError(f"load[{i}].where = {load.where!r}: {wrong}; a traction needs a face")
-            force += nodal_areas(mesh, load.where)[:, None] * np.array(load.traction)
+            force += _areas(mesh, facets)[:, None] * np.array(load.traction)
         if load.pressure is not None and load.where is not None and not load.follower:
             force += pressure_force(mesh.points, outer_facets(mesh, load.where, f"load[{i}].where"), load.pressure, mesh.thickness)
     return force
@@ -103,20 +106,21 @@ def traction_load(scene: Scene, mesh: Mesh) -> Floats:
 
 def outer_facets(mesh: Mesh, where: str | Where, key: str) -> list[NDArray[np.int64]]:
     """The facets (F, k) of a place that a pressure acts on, outward. Raises `InputError` when it has none, or inner ones."""
-    wrong, facets = _no_face(mesh, where), mesh.facets(where)
+    facets = mesh.facets(where)
+    wrong = _no_face(mesh, where, facets)
     inner = sum(int(rows_in(some, outer).size - rows_in(some, outer).sum()) for some, outer in zip(facets, mesh.boundary, strict=True))
     if wrong or inner:
         raise InputError(f"{key} = {where!r}: {wrong or f'{inner} of its facets lie inside the body'}; a pressure needs an outer face")
     return facets
 
 
-def _no_face(mesh: Mesh, where: str | Where) -> str:
-    """Why a place is no face of the body; "" where it is one."""
+def _no_face(mesh: Mesh, where: str | Where, facets: list[NDArray[np.int64]]) -> str:
+    """Why a place, with the facets (F, k) that the mesh has there, is no face of the body; "" where it is one."""
     parts = [] if isinstance(where, Where) else mesh.parts.get(where, [])
-    found = sum(map(len, mesh.facets(where)))
+    found = sum(map(len, facets))
     if any(kind == mesh.cell for kind, _ in parts):
         return "is a region, and which of its facets are meant is not said"
-    faces = sum(len(np.unique(np.sort(cells, axis=1), axis=0)) for kind, cells in parts if CELLS[kind].dimension == mesh.dimension - 1)
+    faces = sum(len(unique_rows(np.sort(cells, axis=1))) for kind, cells in parts if CELLS[kind].dimension == mesh.dimension - 1)
     if found < faces:
         return f"{faces - found} of its {faces} faces are no sides of the body's cells"
     return "" if found else "has no facet"
@@ -124,8 +128,13 @@ def _no_face(mesh: Mesh, where: str | Where) -> str:
 
 def nodal_areas(mesh: Mesh, place: str | Where) -> Floats:
     """(N,) integral of each node's shape function over the facets of a place, of a plane body times its thickness [m2]."""
+    return _areas(mesh, mesh.facets(place))
+
+
+def _areas(mesh: Mesh, found: list[NDArray[np.int64]]) -> Floats:
+    """The same over some facets (F, k)."""
     areas = np.zeros(len(mesh.points))
-    for facets in mesh.facets(place):
+    for facets in found:
         x = mesh.points[facets]
         if facets.shape[1] == 2:
             share = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)[:, None] * mesh.thickness / 2

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.flow.space import OPPOSITE, FlowSpace, table
-from physics.mesh.mesh import Mesh, rows_in
+from physics.mesh.mesh import Mesh
+from physics.mesh.sound.rows import rows_in
 from physics.scene.flow import FlowScene, Inflow
 from physics.schema import InputError
 

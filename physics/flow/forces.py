@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from physics.flow.conditions import GAUSS, OpenEdges, owners
 from physics.flow.space import OPPOSITE, FlowSpace, geometry_of, table
-from physics.mesh.mesh import Mesh, rows_in
+from physics.mesh.mesh import Mesh
+from physics.mesh.sound.rows import rows_in
 from physics.scene.flow import FlowScene, Force
 from physics.schema import InputError
 

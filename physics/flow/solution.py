@@ -24,7 +24,8 @@ from physics.flow.stationary import NoStationaryFlow, stationary
 from physics.flow.stepping import Memory, Stepper
 from physics.flow.stored import Stored, computed_mesh, stored
 from physics.journal import Arrays, digest_of, follow, unflatten
-from physics.mesh.mesh import Mesh, rows_in
+from physics.mesh.mesh import Mesh
+from physics.mesh.sound.rows import rows_in
 from physics.scene.flow import FlowScene
 from physics.schema import WorkError
 

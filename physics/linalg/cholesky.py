@@ -17,6 +17,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,6 @@ WIDEST_BAND = 200  # past this nested dissection in single precision is faster: 
 OPERATIONS = 30  # for each number of a factor that a Newton step has time for
 SHARED = 4_000_000  # numbers of a dissected factor from which on several threads share the work, where they are allowed: some 4 k nodes
 SOFTEST = 2 * float(np.finfo(np.float32).eps)  # stiffness of the softest motion over the largest of a component, for single precision
-TOGETHER = 2**18  # entries of a stiffness that are given their place at a time
 
 
 class NotPositiveDefinite(ArithmeticError):
@@ -196,6 +196,28 @@ class BandFactor(_Cholesky):
         return np.arange(start, self._unknown.size), self._solved(_library().forward, right, start).T
 
 
+def _slots_of_cells(dissection: Dissection, elasticity: Stiffness) -> NDArray[np.int32]:
+    """(C, d (d + 1) / 2) where each entry of each cell goes in the panels, in the order of `Stiffness.pairs`; what is held goes behind."""
+    cells, free = elasticity.cells, ~elasticity.fixed
+    place, n = dissection.place[cells], cells.shape[1]
+    first, second = np.triu_indices(n)  # nodes of a cell
+    turned = place[:, first] > place[:, second]
+    early = np.minimum(place[:, first], place[:, second])
+    begin = slots(dissection, 3 * np.maximum(place[:, first], place[:, second]), 3 * early)
+    height = np.repeat(dissection.part["own"] + dissection.part["rest"], dissection.part["own"] // 3)[early]  # of a column of the panel
+    pair = np.zeros((n, n), np.int64)
+    pair[first, second] = np.arange(len(first))
+    rows, columns = np.triu_indices(3 * n)  # components of these nodes
+    found = np.empty((len(cells), len(rows)), np.int32)
+    for i, j in product(range(3), repeat=2):
+        entries = np.flatnonzero((rows % 3 == i) & (columns % 3 == j))
+        of = pair[rows[entries] // 3, columns[entries] // 3]
+        inside = free[cells[:, first[of]], i] & free[cells[:, second[of]], j]
+        within = np.where(turned[:, of], j * height[:, of] + i, i * height[:, of] + j)
+        found[:, entries] = np.where(inside, begin[:, of] + within, dissection.numbers)
+    return found
+
+
 class DissectionFactor(_Cholesky):
     """The multifrontal Cholesky factor of a nested dissection, assembled in place.
 
@@ -211,12 +233,7 @@ class DissectionFactor(_Cholesky):
         super().__init__(elasticity, self._dissection.place, self._dissection.operations / numbers / OPERATIONS)
         free = np.zeros(self._unknown.size, bool)
         free[self._unknown] = ~elasticity.fixed
-        rows, columns = elasticity.pairs(self._unknown)
-        self._slot = np.empty(rows.shape, np.int32)
-        many = max(1, TOGETHER // len(rows))
-        for pairs in (slice(start, start + many) for start in range(0, rows.shape[1], many)):
-            row, column = rows[:, pairs], columns[:, pairs]
-            self._slot[:, pairs] = np.where(free[row] & free[column], slots(self._dissection, row, column), numbers)
+        self._slot = _slots_of_cells(self._dissection, elasticity)
         self._free, every = free, np.arange(len(free))
         self._diagonal = slots(self._dissection, every, every)
         self._make(single)

@@ -88,8 +88,14 @@ class Cell:
         """(..., n) shape functions and (..., n, 3) their gradients at places (..., 3); one of the functions is negative outside."""
         if self.shape_functions is None:
             raise InputError(f"cell = {self.name!r}: must be one of triangle, quadrilateral, tetrahedron, prism, hexahedron")
-        values, gradients = self.shape_functions(*np.moveaxis(np.asarray(at, np.float64), -1, 0))
-        return np.stack(values, axis=-1), np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in gradients], axis=-2)
+        places = np.asarray(at, np.float64)
+        values, gradients = self.shape_functions(*np.moveaxis(places, -1, 0))
+        found, slopes = np.empty((*places.shape[:-1], self.nodes)), np.empty((*places.shape[:-1], self.nodes, 3))
+        for i, (value, gradient) in enumerate(zip(values, gradients, strict=True)):
+            found[..., i] = value
+            for j, slope in enumerate(gradient):
+                slopes[..., i, j] = slope
+        return found, slopes
 
 
 def _triangle(r: Floats, s: Floats, t: Floats) -> tuple[list[Any], list[tuple[Any, ...]]]:

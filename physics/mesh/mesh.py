@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from physics.mesh.cell import CELLS
 from physics.mesh.places import inside, nodes_at
 from physics.mesh.sound.fit import piece_of
+from physics.mesh.sound.rows import keyed, rows_in, unique_rows
 from physics.scene import Where
 from physics.schema import InputError, nearest
 
@@ -84,7 +85,7 @@ class Mesh:
             if not local:
                 continue
             facets = np.concatenate([self.cells[:, list(facet)] for facet in local])
-            _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
+            _, first, count = np.unique(keyed(np.sort(facets, axis=1)), return_index=True, return_counts=True)
             found.append(facets[np.sort(first[chosen(count)])])
         return found
 
@@ -161,7 +162,7 @@ class Mesh:
             return first
         inside = np.zeros(len(self.points), bool)
         inside[nodes] = True
-        outer: Parts = [(kind_of(facets), facets) for facets in self.boundary]
+        outer: Parts = [(kind_of(facets), facets[inside[facets].any(axis=1)]) for facets in self.boundary]
         between = {k: rows[inside[rows].all(axis=1)] for k, rows in closure(outer).items()}
         return between | {1: nodes[:, None]}
 
@@ -178,16 +179,7 @@ def closure(parts: Parts) -> Entities:
         found.setdefault(1, []).append(cells.reshape(-1, 1))
         for local in {*CELLS[kind].edges, *CELLS[kind].facets, tuple(range(cells.shape[1]))}:
             found.setdefault(len(local), []).append(cells[:, list(local)])
-    return {k: np.unique(np.sort(np.concatenate(rows), axis=1), axis=0) for k, rows in found.items()}
-
-
-def rows_in(rows: Integers, table: Integers) -> NDArray[np.bool_]:
-    """For each row of node numbers (n, k) whether the table (m, k) has it, in any order of the numbers."""
-    both = np.sort(np.concatenate([rows, table]), axis=1)
-    key, base = both[:, 0], int(both.max(initial=0)) + 1
-    for column in both.T[1:]:
-        _, key = np.unique(key * base + column, return_inverse=True)
-    return np.isin(key[:len(rows)], key[len(rows):])
+    return {k: unique_rows(np.sort(np.concatenate(rows), axis=1)) for k, rows in found.items()}
 
 
 def pieces(mesh: Mesh) -> list[Integers]:
@@ -199,4 +191,4 @@ def pieces(mesh: Mesh) -> list[Integers]:
 def unique_edges(cells: Integers, cell: str) -> Integers:
     """(E, 2) edges of some cells, each once, the smaller node number first."""
     pairs = np.concatenate([cells[:, list(edge)] for edge in CELLS[cell].edges])
-    return np.unique(np.sort(pairs, axis=1), axis=0)
+    return unique_rows(np.sort(pairs, axis=1))

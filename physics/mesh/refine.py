@@ -17,6 +17,7 @@ import numpy as np
 from physics.mesh.cell import CELLS, HEXAHEDRON
 from physics.mesh.mesh import Integers, Mesh
 from physics.mesh.second import corners_only, second_order
+from physics.mesh.sound.rows import row_in, unique_rows
 
 Corners = tuple[int, ...]
 
@@ -66,7 +67,7 @@ def halved(mesh: Mesh) -> Mesh:
     for corners in {corners for child in CHILDREN[mesh.cell] for corners in child if len(corners) > 1}:
         rows = np.sort(mesh.cells[:, list(corners)], axis=1)
         keys[len(corners)] = np.concatenate([keys.get(len(corners), rows[:0]), rows])
-    keys = {size: np.unique(rows, axis=0) for size, rows in keys.items()}
+    keys = {size: unique_rows(rows) for size, rows in keys.items()}
     first = dict(zip(keys, np.cumsum([len(mesh.points), *(len(rows) for rows in keys.values())]).tolist(), strict=False))
 
     def numbers(rows: Integers) -> Integers:
@@ -76,11 +77,8 @@ def halved(mesh: Mesh) -> Mesh:
             return rows[:, 0]
         if size not in keys:
             return np.full(len(rows), -1)
-        known = keys[size]
-        _, same = np.unique(np.concatenate([known, np.sort(rows, axis=1)]), axis=0, return_inverse=True)
-        node = np.full(len(known) + len(rows), -1)
-        node[same[:len(known)]] = first[size] + np.arange(len(known))
-        return node[same[len(known):]]
+        row = row_in(keys[size], np.sort(rows, axis=1))
+        return np.where(row < 0, -1, first[size] + row)
 
     def cut(kind: str, cells: Integers) -> Integers:
         """The smaller cells (n, k) in some cells; those without all their nodes are left out."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS, SECOND
 from physics.mesh.mesh import Integers, Mesh, Parts
-from physics.mesh.sound.curved import complete, row_in, table
+from physics.mesh.sound.curved import complete, table
+from physics.mesh.sound.rows import keyed, row_in
 
 Floats = NDArray[np.float64]
 
@@ -96,8 +97,8 @@ def middle_nodes(mesh: Mesh, corners: Integers) -> Integers:
         return np.full(len(corners), -1)
     known = np.concatenate([np.sort(mesh.cells[:, list(local)], axis=1) for _, local in columns])
     node = np.concatenate([mesh.cells[:, CELLS[mesh.cell].corners + i] for i, _ in columns])
-    known, first = np.unique(known, axis=0, return_index=True)
-    row = row_in(known, np.sort(corners, axis=1))
+    first = np.unique(keyed(known), return_index=True)[1]
+    row = row_in(known[first], np.sort(corners, axis=1))
     return np.where(row < 0, -1, node[first[row]])
 
 

@@ -15,6 +15,7 @@ from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
 
 Floats = NDArray[np.floating[Any]]
+Integers = NDArray[np.int64]
 CANDIDATES, NEWTON_STEPS = 24, 6
 CLOSE, INSIDE = 1e-9, 1e-8  # of a cell's size
 
@@ -28,12 +29,23 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats, outside_by: fl
     (vtkProbeFilter of VTK 9.7.2 takes some points on the faces of prisms from outside of a wrong prism.)
     Raises ValueError when a point lies in no cell by more than `outside_by` of the cell's size; what lies outside is extrapolated.
     """
+    return carried(displacement, *located(mesh, points, outside_by, candidates, few))
+
+
+def carried(displacement: Floats, nodes: Integers, weights: Floats) -> Floats:
+    """(T, M, 3) what nodes have (T, N, 3) at points between nodes (M, n) with weights (M, n)."""
+    return np.asarray(np.einsum("mn,tmnd->tmd", weights, displacement[:, nodes]))
+
+
+def located(mesh: Mesh, points: Floats, outside_by: float = 1e-6, candidates: int = CANDIDATES,
+            few: int | None = None) -> tuple[Integers, Floats]:
+    """The nodes (M, n) of the cells that hold some points (M, 3), and the weights (M, n) of what they have; see `interpolate`."""
     outside, nodes, weights = _located(mesh, points, few or candidates, 0.0 if few is None else CLOSE)
     if few is not None and len(left := np.flatnonzero(outside > INSIDE)):
         outside[left], nodes[left], weights[left] = _located(mesh, points[left], candidates, CLOSE)
     if (lost := int((outside > outside_by).sum())):
         raise ValueError(f"{lost} of {len(points)} points lie outside of the mesh to interpolate from")
-    return np.einsum("mn,tmnd->tmd", weights, displacement[:, nodes])
+    return nodes, weights
 
 
 def _located(mesh: Mesh, points: Floats, candidates: int, close: float) -> tuple[Floats, Any, Floats]:
@@ -50,17 +62,16 @@ def _located(mesh: Mesh, points: Floats, candidates: int, close: float) -> tuple
     first = CELLS[CELLS[mesh.cell].first or mesh.cell]
     at = np.full((*near.shape, 3), 0.25 if first.name == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
     at[..., flat] = 0.0
-    for _ in range(NEWTON_STEPS):
+    for steps in range(NEWTON_STEPS + 1):
         values, gradients = CELLS[mesh.cell].shapes(at)
         missing = points[:, None] - np.einsum("mkn,mknd->mkd", values, corners)
-        if (abs(missing) <= close * extent).all():
+        if steps == NEWTON_STEPS or (abs(missing) <= close * extent).all():
             break
         jacobian = np.einsum("mkne,mknd->mkde", gradients, corners)
         jacobian[..., flat, flat] = 1.0
         at = at + np.linalg.solve(jacobian, missing[..., None])[..., 0]
-    values, _ = CELLS[mesh.cell].shapes(at)
-    astray = np.linalg.norm(points[:, None] - np.einsum("mkn,mknd->mkd", values, corners), axis=-1)
-    outside = np.maximum(-first.shapes(at)[0].min(axis=-1), 0) + astray / np.ptp(corners, axis=2).max(axis=-1)  # (M, k)
+    astray, of_corners = np.linalg.norm(missing, axis=-1), values if first.name == mesh.cell else first.shapes(at)[0]
+    outside = np.maximum(-of_corners.min(axis=-1), 0) + astray / np.ptp(corners, axis=2).max(axis=-1)  # (M, k)
     best = np.argmin(outside, axis=1)[:, None]
     nodes = mesh.cells[np.take_along_axis(near, best, 1)[:, 0]]  # (M, n)
     return np.take_along_axis(outside, best, 1)[:, 0], nodes, np.take_along_axis(values, best[..., None], 1)[:, 0]

@@ -24,7 +24,8 @@ from physics.linalg.eigen.lowest import lowest_pairs
 from physics.linalg.eigen.pairs import Problem, clusters
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
-from physics.mesh.mesh import Mesh, Parts, closure, kind_of, pieces, rows_in
+from physics.mesh.mesh import Mesh, Parts, closure, kind_of, pieces
+from physics.mesh.sound.rows import rows_in
 from physics.modes.elastic import remarks
 from physics.scene import Body
 from physics.schema import InputError

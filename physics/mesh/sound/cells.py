@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS, CORNERS
+from physics.mesh.sound.rows import keyed
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -28,7 +29,7 @@ ROW_BY_ROW = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7,
 
 def once(cells: Integers) -> Integers:
     """The numbers of the cells that are no repetition of an earlier one, whatever the order of its corners."""
-    return np.sort(np.unique(np.sort(cells, axis=1), axis=0, return_index=True)[1])
+    return np.sort(np.unique(keyed(np.sort(cells, axis=1)), return_index=True)[1])
 
 
 def by_shape(kind: str, cells: Integers) -> list[tuple[str, Integers, Integers]]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS, CORNERS, GAUSS, Corners
 from physics.mesh.formats.raw import VTK_MIDDLES, Raw
+from physics.mesh.sound.rows import keyed, row_in
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -59,9 +60,10 @@ def curved(raw: Raw, number: Integers, points: Floats, cells: Integers, kind: st
         rows, at = np.concatenate([pair[0] for pair in pairs]), np.concatenate([pair[1] for pair in pairs])
         if not np.isfinite(at).all():
             raise InputError("node coordinates that are not finite")
-        rows, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        _, first, which = np.unique(keyed(rows), return_index=True, return_inverse=True)
+        rows = rows[first]
         size = np.ptp(points[rows], axis=1).max(axis=1)
-        if order == 2 and (abs(at - at[first][which.ravel()]).max(axis=1) > STRAIGHT * size[which.ravel()]).any():
+        if order == 2 and (abs(at - at[first][which]).max(axis=1) > STRAIGHT * size[which]).any():
             raise InputError("two cells have different middle nodes on a side that they share")
         middles[k] = rows, at[first]
         bent |= bool((np.linalg.norm(at[first] - points[rows].mean(axis=1), axis=1) > STRAIGHT * size).any())
@@ -93,7 +95,9 @@ def complete(points: Floats, cells: Integers, kind: str, given: Middles) -> Midd
     for locals_ in entities(kind):
         k = len(locals_[0])
         rows = np.concatenate([cells[:, list(local)] for local in locals_])  # in order, for the edges of a face
-        key, first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)
+        ends = np.sort(rows, axis=1)
+        first = np.unique(keyed(ends), return_index=True)[1]
+        key = ends[first]
         at = points[key].mean(axis=1)
         for smaller, share in ((2, {4: 0.5, 8: 0.25}), (4, {8: 0.5})):
             if k in share and smaller in found:
@@ -122,15 +126,6 @@ def _surplus(points: Floats, found: Middles, rows: Integers) -> Floats:
         for i in range(4):
             off = off - 0.5 * _surplus(points, found, rows[:, [i, (i + 1) % 4]])
     return off
-
-
-def row_in(table: Integers, asked: Integers) -> Integers:
-    """Where each of some sorted rows stands in a table of them, -1 where it does not."""
-    _, key = np.unique(np.concatenate([table, asked]), axis=0, return_inverse=True)
-    key = key.ravel()
-    place = np.full(key.max(initial=0) + 1, -1, np.int64)
-    place[key[:len(table)]] = np.arange(len(table))
-    return place[key[len(table):]]
 
 
 def smallest_jacobian(points: Floats, cells: Integers, kind: str, middles: Middles) -> Floats:

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from physics.mesh.cell import CELLS
 from physics.mesh.sound.cells import Called
+from physics.mesh.sound.rows import keyed
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -64,9 +65,9 @@ def joined(cells: Integers, kind: str) -> Integers:
     """(C,) the number of the part that each cell belongs to: cells that share a facet are in one part, and cannot turn against it."""
     first, second = [], []
     for facets, cell_of in _facets(cells, kind):
-        key = np.sort(facets, axis=1)
-        order = np.lexsort(key.T)
-        alike = np.flatnonzero((key[order][1:] == key[order][:-1]).all(axis=1))
+        key = keyed(np.sort(facets, axis=1))
+        order = key.argsort(kind="stable")
+        alike = np.flatnonzero(np.diff(key[order]) == 0)
         first.append(cell_of[order][alike])
         second.append(cell_of[order][alike + 1])
     links = np.stack([np.concatenate(first), np.concatenate(second)])

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from physics.mesh.mesh import Mesh
+from physics.mesh.sound.rows import unique_rows
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -54,7 +55,7 @@ class _Shape:
         self.sides = numbered.reshape(corners.shape)
         k = self.sides.shape[1]
         edges = np.concatenate([self.sides[:, [i, (i + 1) % k]] for i in range(k if k > 2 else 1)])
-        self.edges = np.unique(np.sort(edges, axis=1), axis=0)
+        self.edges = unique_rows(np.sort(edges, axis=1))
         self.rest = mesh.points[self.nodes]
         self.shortest = float(np.linalg.norm(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]], axis=1).min())
         self._edges_of, self._sides_of = (_incidence(parts, len(self.nodes)) for parts in (self.edges, self.sides))
