@@ -9,7 +9,7 @@ Legend: N nodes, T steps + 1.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +22,7 @@ from physics.body.kernel import smallest_det_f
 from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE
-from physics.equilibrium.state import NoEquilibrium
+from physics.equilibrium.state import NoEquilibrium, State
 from physics.journal import digest_of, follow, unflatten
 from physics.mesh.build import build_mesh, of_order
 from physics.mesh.mesh import Mesh
@@ -89,7 +89,7 @@ class Solution:
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
           journal: str | Path | None = None, tolerance: float = TOLERANCE, method: str | None = None,
           spread: bool = False, final: bool = False, partial: bool = False, small_strain: float = LINEAR_TOLERANCE,
-          snaps: bool = True, look: bool = True) -> Solution:
+          snaps: bool = True, look: bool = True, ahead: Sequence[State] = ()) -> Solution:
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
@@ -106,6 +106,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         snaps: whether the path goes on where the body snaps through or slips off; otherwise it cannot be followed beyond
         partial: give what was reached of a path that cannot be followed to its end, and why in `failure`, in place of raising
         look: whether to look for folds of the body and cells inside out, which `of_path` does
+        ahead: states on this mesh that are known already, in their order: steps begin between them and the last ones. Not with a journal
 
     Returns:
         the path; the last row of each array is its end
@@ -121,7 +122,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
                       partial=partial, small_strain=small_strain, snaps=snaps, look=look)
     started, processor = time.perf_counter(), time.process_time()
     mesh = of_order(mesh or build_mesh(scene.body), scene.body)
-    path = _way(scene, mesh, tolerance, method, spread, small_strain, snaps)
+    path = _way(scene, mesh, tolerance, method, spread, small_strain, snaps, ahead)
     set_up = time.process_time() - processor
     limits = f" to {tolerance}" * (tolerance != TOLERANCE) + f" linear to {small_strain}" * (small_strain != LINEAR_TOLERANCE)
 
@@ -158,9 +159,9 @@ def _final(scene: Scene, *, partial: bool, **how: Any) -> Solution:
 
 
 def _way(scene: Scene, mesh: Mesh, tolerance: float, method: str | None, spread: bool, small_strain: float,
-         snaps: bool) -> LoadPath | Motion:
+         snaps: bool, ahead: Sequence[State]) -> LoadPath | Motion:
     if not scene.steps.dynamic:
-        return LoadPath(scene, mesh, tolerance=tolerance, method=method, spread=spread, small_strain=small_strain, snaps=snaps)
+        return LoadPath(scene, mesh, tolerance=tolerance, method=method, spread=spread, small_strain=small_strain, snaps=snaps, ahead=ahead)
     if spread:
         raise InputError("steps.dynamic = true: motion in time runs as one process")
     return Motion(scene, mesh, tolerance=tolerance)

@@ -8,7 +8,7 @@ import pytest
 from physics.equilibrium import path as equilibrium
 from physics.equilibrium.balance import cells_said, contact_said
 from physics.equilibrium.path import LoadPath
-from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, best_order, extrapolate
+from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, best_order, polynomial
 from physics.mesh.build import build_mesh
 from tests.scenes import bent, pressed
 
@@ -30,7 +30,7 @@ def test_a_polynomial_through_the_last_states_goes_on_as_itself(degree):
     states = [state(t, sum(c * t**k for k, c in enumerate(curve))) for t in at]
     for t in (0.0, 0.25, 0.7, 1.3):
         expected = sum(c * t**k for k, c in enumerate(curve))
-        assert extrapolate(states, t) == pytest.approx(expected, rel=1e-10, abs=1e-10)
+        assert polynomial(states, t) == pytest.approx(expected, rel=1e-10, abs=1e-10)
 
 
 @pytest.mark.parametrize("degree", range(5))
@@ -42,7 +42,7 @@ def test_the_order_is_that_of_the_polynomial_that_foresees_the_next_state(degree
     for i in range(len(states) - 1 - degree):
         states[i] = state(at[i], states[i].u + 1e-6)
     following = state(0.7, [[1 + 0.7**degree, 2 * 0.7**degree, 0]])
-    errors = [np.linalg.norm(extrapolate(states[-1 - order:], 0.7) - following.u) for order in range(4)]
+    errors = [np.linalg.norm(polynomial(states[-1 - order:], 0.7) - following.u) for order in range(4)]
     assert best_order(states, following) == min(degree, 3) == int(np.argmin(errors))
     assert best_order(states[-1:], following) == 0 and best_order(states[-2:], following) == min(degree, 1)
 
@@ -69,6 +69,31 @@ def test_a_path_keeps_four_states_and_the_order_that_was_best(monkeypatch):
     for fraction, start, _ in asked[5:]:  # the last four states were on the curve
         assert start == pytest.approx(np.full((2, 3), fraction**3 + fraction + 1000 * fraction), abs=1e-9)
     assert asked[1][1] == pytest.approx(np.full((2, 3), asked[0][0]**3 + asked[0][0] + 250.0))  # order 0: two states, one known
+
+
+def test_where_states_are_known_ahead_a_step_begins_on_the_polynomial_between_them_and_the_last_three():
+    """From rest on it does not: the stiffness of a body that is bent before it has moved is no one's."""
+    asked = []
+
+    class Quintic:
+        def equilibrium(self, fraction, start, last):
+            asked.append((fraction, start))
+            return state(fraction, np.full((2, 3), fraction**5 + fraction))
+
+        def led(self, u, target):
+            return u
+
+    path = path_of(bent())
+    path.linear, path.newton, path.states = None, Quintic(), [state(0.0, np.zeros((2, 3)))]
+    path.ahead = [state(t, np.full((2, 3), value)) for t, value in ((0.1, 1e9), (0.5, 7.0), (0.75, 11.0), (1.0, 1e9))]
+    for step in range(1, 9):
+        path.advance(step / 8)
+    assert not asked[0][1].any()
+    behind = {0.0: 0.0, 0.125: 0.125**5 + 0.125, 0.25: 0.25**5 + 0.25}
+    for fraction, known in ((0.25, [0.0, 0.125, 0.5, 0.75]), (0.375, [0.0, 0.125, 0.25, 0.5, 0.75]), (0.5, [0.5]), (0.75, [0.75])):
+        values = {**behind, 0.5: 7.0, 0.75: 11.0}
+        lagrange = sum(values[t] * np.prod([(fraction - s) / (t - s) for s in known if s != t]) for t in known)
+        assert dict(asked)[fraction] == pytest.approx(np.full((2, 3), lagrange), rel=1e-9)
 
 
 def replace_target(balance, target):

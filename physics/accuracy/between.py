@@ -4,7 +4,8 @@ Where nothing touches the body, and loads and supports grow evenly, equilibria a
 Splines through every k-th step and the rest state are off by about k^4 times what they would be through all. How far is seen when every
 second of the solved steps is left out and held against the splines through the others: with an error that fell as slowly as k^2 a
 quarter of that would be left, which is what counts. Where it is too much more steps are solved, and where that is not enough all. So
-they are where a step fails, or the body snaps: splines know nothing of that.
+they are where a step fails, or the body snaps: splines know nothing of that. A step is begun between the last ones and the poses ahead
+that the search has found.
 
 Held components stay on their prescription. The residual of a step between is that in the middle of its interval, where it is largest.
 Legend: N nodes, K solved steps and the rest state, n other steps.
@@ -62,7 +63,7 @@ def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None
                 on_step(step * every)
 
         fewer = replace(scene, steps=replace(scene.steps, count=solved))
-        found = solve(fewer, on_step=reached, partial=True, look=False, **how)
+        found = solve(fewer, on_step=reached, partial=True, look=False, ahead=choice.states, **how)
         if found.failure or found.snap.any():
             break
         off = missed(choice, found, 1)

@@ -11,11 +11,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
 from physics.accuracy.ladder import families
 from physics.accuracy.pilot import Pilot, Pilots
 from physics.equilibrium.newton import TOLERANCE
+from physics.equilibrium.state import State
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
 
@@ -46,6 +49,11 @@ class Choice:
     def pilot(self) -> Pilot:
         """Of the chosen mesh."""
         return self.climb.pilot
+
+    @property
+    def states(self) -> list[State]:
+        """Those of the pilot."""
+        return [State(fraction, u, np.zeros(0)) for fraction, u in zip(self.pilots.fractions.tolist(), self.pilot.u, strict=True)]
 
 
 def choose(scene: Scene, most: int = MOST_NODES) -> Choice:

@@ -13,6 +13,7 @@ Legend: N nodes, Q contact points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,7 @@ from physics.equilibrium.balance import Balance, contact_said, could_be_plane, m
 from physics.equilibrium.newton import TOLERANCE, Newton, NewtonMemory
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE, LinearMemory, choose
 from physics.equilibrium.snap import Relaxation
-from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, StatesMemory, best_order, extrapolate
+from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, StatesMemory, best_order, polynomial
 from physics.journal import Arrays
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import smallest_det_f
@@ -31,6 +32,7 @@ from physics.scene import Scene
 
 Floats = NDArray[np.float64]
 
+BEHIND, AHEAD = 3, 2  # states between which a step is sought, where some are known ahead
 PRESSED = 0.8  # det F below which Saint-Venant and Kirchhoff's law may be what gives way: a bar's force falls below a stretch of 0.58
 
 
@@ -54,9 +56,9 @@ class LoadPath:
     Memory = PathMemory
 
     def __init__(self, scene: Scene, mesh: Mesh, *, tolerance: float = TOLERANCE, method: str | None = None, spread: bool = False,
-                 small_strain: float = LINEAR_TOLERANCE, snaps: bool = True) -> None:
+                 small_strain: float = LINEAR_TOLERANCE, snaps: bool = True, ahead: Sequence[State] = ()) -> None:
         """Args: tolerance: residual over reaction; small_strain: error that it may make; method, spread: as in `factor.solver_for`;
-        snaps: whether the path goes on where the body snaps."""
+        snaps: whether the path goes on where the body snaps; ahead: states that are known already, in their order."""
         self._finite = Balance(scene, mesh, method=method, spread=spread)
         self.linear, self.kinematics = choose(scene, mesh, self._finite, small_strain)  # while small strain is enough, and why it is not
         self.linear_steps = 0
@@ -65,7 +67,7 @@ class LoadPath:
         self.balance = self.newton.balance
         contact = self.balance.contact
         self.states = [State(0.0, np.zeros_like(mesh.points), np.zeros(0 if contact is None else len(contact.surface.area)))]
-        self.order, self.halvings, self.snaps = 0, 0, snaps
+        self.order, self.halvings, self.snaps, self.ahead = 0, 0, snaps, ahead
         self.snap, self.released = 0.0, 0.0  # since the last frame
 
     def advance(self, fraction: float, depth: int = 0) -> State:
@@ -154,9 +156,11 @@ class LoadPath:
         return said | could_be_plane(self.balance) | {"factor": self.newton.tangent.solver.name}
 
     def _predict(self, fraction: float) -> Floats:
-        """Extrapolated displacements (N, 3), held components on their prescription."""
+        """Displacements (N, 3) on a polynomial through the last states, and states ahead if any, held components on their prescription."""
         self.balance.apply_loads(fraction)
-        return self.newton.led(extrapolate(self.states[-1 - self.order:], fraction), self.balance.moved(fraction))
+        ahead = [state for state in self.ahead if state.fraction >= fraction][:AHEAD] if self.states[-1].u.any() else []
+        through = [*self.states[-BEHIND:], *ahead] if ahead else self.states[-1 - self.order:]
+        return self.newton.led(polynomial(through, fraction), self.balance.moved(fraction))
 
     def _append(self, state: State) -> State:
         """Keep a state, and choose the order of extrapolation that would have foreseen it best."""

@@ -66,7 +66,7 @@ class StatesMemory:
         return [State(float(fraction), u, pressure) for fraction, u, pressure in zip(self.fraction, self.u, self.pressure, strict=True)]
 
 
-def extrapolate(states: list[State], fraction: float) -> Floats:
+def polynomial(states: list[State], fraction: float) -> Floats:
     """Displacements (N, 3) of the polynomial through some states (Lagrange's form), at another fraction."""
     return _through(states, fraction, len(states))[0]
 

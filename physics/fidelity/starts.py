@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.equilibrium.state import State, best_order, extrapolate
+from physics.equilibrium.state import State, best_order, polynomial
 
 Floats = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Starts:
         self._miss |= {"guess": _distance(guess, self.states[-1].u), "extrapolated": 0.0}
 
     def _places(self, fraction: float, guess: Floats) -> dict[str, Floats]:
-        return {"guess": guess, "carried": guess + self._moved, "extrapolated": extrapolate(self.states[-1 - self._order:], fraction)}
+        return {"guess": guess, "carried": guess + self._moved, "extrapolated": polynomial(self.states[-1 - self._order:], fraction)}
 
 
 def _distance(a: Floats, b: Floats) -> float:

@@ -35,7 +35,7 @@ from physics.body.schedule import share
 from physics.body.supports import traction_load
 from physics.equilibrium.balance import Balance, contact_said, material_said
 from physics.equilibrium.newton import TOLERANCE, Newton, NewtonMemory
-from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, StatesMemory, best_order, extrapolate
+from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, StatesMemory, best_order, polynomial
 from physics.journal import Arrays
 from physics.mesh.cell import GAUSS
 from physics.mesh.mesh import Mesh
@@ -173,7 +173,7 @@ class Motion:
         if len(self.states) == 1:
             u = self.states[0].u + fraction * self.duration * self.velocity
         else:
-            u = extrapolate(self.states[-1 - self.order:], fraction)
+            u = polynomial(self.states[-1 - self.order:], fraction)
         return np.where(self.fixed, self.balance.moved(fraction), u)
 
     def _borne(self, before: float, state: State, velocity: Floats, h: float) -> tuple[State, Floats]:
