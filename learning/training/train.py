@@ -95,12 +95,12 @@ def _loop(run: Run, examples: Sequence[Example], examples_valid: Sequence[Exampl
     config, about, model = run.model.config, run.about, run.model
     device, replayed = model.device, model.device.type == "cuda" and group.count == 1 and told_by_sizes(model.network)
     batches = Batches(examples, config, run.walks, group, fill=replayed)
-    drawn = ahead(batches, about.step + 1, device)
     curve, learner = Curve(run.out if group.first else None, about.step), group.learner(model.network)
     replays = Replays(partial(descend, learner, run.optimizer, model.normaliser, config), device) if replayed else None
     losses = about.losses
     clock = Clock(about, group, device)
     ended = about.step >= last or progress(config, about.step, about.seconds) >= 1
+    drawn = iter(()) if ended else ahead(batches, about.step + 1, device)
     with curve, tqdm(total=100, desc="train", disable=None if group.first else True, bar_format=BAR) as bar, products(config.network):
         while not ended:
             clock.read()
