@@ -1,13 +1,13 @@
 """Data: families of scenes, trajectory files, and folders of them.
 
-    files/    one trajectory on disk: its format, records of other programs, predictions, where a number comes from
+    files/    one trajectory on disk: its format, read and written; records of other programs, predictions, where a number comes from
     family/   what scenes are drawn
     flow/     flows in place of solids
     sets/     a folder of trajectories: planned, made, checked, described, packed, exchanged
-    scene_verbs, verbs   the command line's share: of scenes, and of folders of trajectories
-    ways      its version, examples and completion
+    scene_verbs, verbs   the command line's verbs on scenes, and on folders of trajectories
+    ways      the command line's version, examples and completion
 
-Imports physics, and nothing of learning. What a user calls is importable from here:
+It imports physics, and nothing of learning. What a user calls is importable from here:
 `from datagen import load_family, generate, read_trajectory`.
 """
 

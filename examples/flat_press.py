@@ -1,6 +1,6 @@
-"""The patch test of contact: a flat plate presses a block, and the block feels one and the same stress everywhere.
+"""The patch test of contact: a flat plate presses a block, and the stress is the same everywhere in the block.
 
-Without friction the block shortens evenly, sigma = E strain, whatever the mesh. Nodal contact without care gets this
+Without friction the block shortens evenly, sigma = E strain, whatever the mesh. Careless nodal contact gets this
 wrong at edges and corners.
 """
 

@@ -1,7 +1,7 @@
 """A flow that another program predicted, held against its truth and against the equations.
 
-The "other program" takes the flow around a cylinder and says everything 3 % too fast. What enters and what leaves is then 3 % off,
-and the kinetic energy 1.03^2 - 1 = 6.09 %; the error of the velocity alone would tell neither.
+The "other program" takes the flow around a cylinder and predicts everything 3 % too fast. What enters and what leaves is then 3 %
+off, and the kinetic energy 1.03^2 - 1 = 6.09 %; the error of the velocity alone would show neither.
 """
 
 from dataclasses import replace

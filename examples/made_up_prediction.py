@@ -1,7 +1,7 @@
 """A prediction that is wrong in a known way: everything moves a tenth too far. What does `verify` say?
 
 Any array (T, N, 3) can be held against its truth. An overshoot of a tenth is an error of a tenth of the motion, and the
-obstacle, which the prediction never asked about, is left behind: nothing penetrates, but the forces do not balance.
+obstacle is left behind: nothing penetrates, but the forces do not balance.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
-"""A torch model of your own ends as a labelled point on the picture of speed against error, beside finite elements.
+"""A torch model of your own as a labelled point on the picture of speed against error, beside finite elements.
 
 It is deliberately plain: the pose of the obstacle and its square, turned into displacements by one linear layer. What
 matters is the way: inputs and target as tensors, a function from inputs to displacements, and `compare`, which times it
-like every other predictor and holds it against the truth and the equations: `report/pareto.png`, `report/report.html`.
+like every other predictor and holds it against the truth and the equations. It writes `report/pareto.png`, `report/report.html`.
 """
 
 import torch

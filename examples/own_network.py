@@ -1,6 +1,6 @@
 """A network of your own on graphs: trained from a torch data set of frames, rolled out, and held against the truth.
 
-`Frames` gives what every network here is trained on, a frame's graph and what to say of it; the way to predict, noise and contact
+`Frames` gives what every network here is trained on, a frame's graph and its target; the way to predict, noise and contact
 edges come from the config. This network is as plain as can be: a node hears the mean of the obstacle's nodes and of its own
 neighbours. `learning.to_pyg` turns a frame into torch_geometric's Data, where that is installed.
 """

@@ -1,4 +1,4 @@
-"""At what frequency does a square plate swing that is clamped along one side? Leissa's table for thin plates says
+"""At what frequency does a square plate vibrate that is clamped along one side? Leissa's table for thin plates says
 
     f = 3.492 / (2 pi a^2) sqrt(D / (rho h)),    D = E h^3 / (12 (1 - nu^2)),    nu = 0.3
 

@@ -1,7 +1,7 @@
 """Plates for code that reads DeepMind's deforming_plate: made, exported with stress, and read back by hand, with numpy alone.
 
-Such code takes meta.json and train.tfrecord as they are. What it finds at each node, place, kind and von Mises' stress, is held
-against the trajectory's own file. A set worth training on comes from
+Such code takes meta.json and train.tfrecord as they are. What it finds at each node (place, kind and von Mises' stress) is compared
+with the trajectory's own file. A set worth training on comes from
 
     ./run fidelity generate plate --fields stress --out plates
     ./run fidelity dataset export plates --out records

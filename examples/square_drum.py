@@ -1,7 +1,7 @@
 """The lowest eigenvalue of the Laplace operator on a unit square that is held along its edge is 2 pi^2.
 
-Laplacian modes know the shape of a domain and nothing of a material: they are what a flow channel can be cut into
-segments by. With Body(shape="channel") in place of the square the same call gives those of the channel around a
+Laplacian modes depend on the shape of a domain alone, not on a material: by them a flow channel can be cut into
+segments. With Body(shape="channel") in place of the square the same call gives those of the channel around a
 cylinder.
 """
 

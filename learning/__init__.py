@@ -6,19 +6,19 @@ A room imports what stands above it in this list, never below:
     graphs/       what a network sees of a frame
     networks/     what predicts
     devices       where networks run
-    config, keys  what a training is asked for, and how that is told
+    config, keys  what a training is asked for, and the list of its keys
     processes     several processes on one training
-    samples/      a frame of a trajectory as input and target; noise and scales
+    samples/      a frame of a trajectory as input and target; noise and scales; the reduced-order estimate
     slender/      beams: theory, and a network for what it leaves over, all poses of a path at once
     bodies/       bodies of any shape: the shapes that they take, and a network for how much of each
-    prediction/   a whole path from a predictor: a trained network, a hybrid, finite elements, or what knows nothing
-    training/     how weights are found, stopped and gone on with
-    report/       what is measured and said of it
-    flows/        predictors of flows beside each other
+    prediction/   a whole path from a predictor: a trained network, a hybrid, finite elements, or a trivial one
+    training/     how weights are found; trainings stopped and resumed
+    report/       what is measured of predictors, and how it is shown
+    flows/        predictors of flows compared
     study/        many trainings that differ in one thing, and a table of them
-    demo, verbs   the whole line, and the command line's share
+    demo, verbs   `./run demo`, and the command line's verbs
 
-Imports physics and datagen; nothing here loads dolfinx until finite elements are asked for. What a user calls is importable from here:
+It imports physics and datagen; nothing here loads dolfinx until finite elements are asked for. What a user calls is importable from here:
 `from learning import load_config, train, load_model, rollout, evaluate`.
 """
 

@@ -243,7 +243,7 @@ def evaluate(options: Options, *, say: Say, writable: Writable) -> dict[str, Any
 
 
 def pareto(options: Options, *, say: Say, writable: Writable) -> dict[str, Any]:
-    """Speed against error: trained runs, finite elements made cheaper, a reduced-order model and what knows nothing."""
+    """Speed against error: trained runs, finite elements made cheaper, a reduced-order model and trivial predictors."""
     from datagen.sets.dataset import files
     from learning.report.compare import compare
     from learning.report.evaluate import evenly

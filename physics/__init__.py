@@ -1,25 +1,25 @@
-"""Finite elements: what a body does under loads and rigid obstacles, how it swings, and how good a prediction of either is.
+"""Finite elements: what a body does under loads and rigid obstacles, how it vibrates, and how good a prediction of either is.
 
 A room imports what stands above it in this list, never below:
 
-    schema, whole   a stranger's table read; a file written whole or not at all
+    schema, whole   a user's table read and checked; a file written whole or not at all
     foreign         a file as meshio reads it, or why it does not
     threads         one for the linear algebra
     journal         an unfinished path on disk, to go on from after a kill
     scene/          what is simulated: body, material, supports, loads, obstacle, steps
-    keys            the keys of a scene, told
+    keys            the keys of a scene as tables for the docs
     mesh/           what the body's mesh is, where its places are, whether it is sound
     fem             the only file that knows which dolfinx is installed
     linalg/         how K x = b and K x = lambda M x are solved
     body/           what energy and forces a deformed body has
     contact/        where the obstacle is, its shapes, and the contact condition
     equilibrium/    one equilibrium, and a path of them; when a factor is renewed
-    modes/          how a body swings
-    motion/         a body that swings through time
+    modes/          how a body vibrates
+    motion/         a body in motion, with inertia
     reduced/        the same body in a few shapes
     flow/           a fluid that flows through a plane domain
     solution        `solve`: the answer to a scene, through equilibria or through time
-    accuracy/       an error that is asked: the cheapest mesh that keeps it, and how far it may be believed
+    accuracy/       an error that is asked for: the cheapest mesh that keeps it, and how far that may be believed
     fidelity/       how good a prediction is, and what a Newton step makes of it
     view/           how it looks
 

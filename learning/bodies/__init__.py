@@ -5,5 +5,5 @@
     samples    trajectories as tables of poses
     model      a trained network with its scales and shapes, on disk and applied to poses
     path       frames of a scene, or of many
-    at_once    predictors of all frames at once, this one and that of beams, under one name
+    at_once    one interface to the predictors of all frames at once, this one and that of beams
 """

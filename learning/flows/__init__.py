@@ -1,7 +1,7 @@
-"""Flows: what a learned simulator of them has to beat, and all of them beside each other.
+"""Flows: what a learned simulator of them has to beat, and all predictors compared.
 
-    rivals        predictors that know nothing, and the same solver on larger cells
-    divergence    a network's frames made free of it
+    rivals        trivial predictors, and the same solver on larger cells
+    divergence    a network's frames made free of divergence
     report        the page, the picture and the film
-    compare       everything that predicts, measured on the same flows
+    compare       all predictors measured on the same flows
 """

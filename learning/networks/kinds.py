@@ -1,7 +1,8 @@
 """Which network a config asks for: every kind by its name.
 
-A network is a module, called with a graph that a normaliser has scaled, gives normalised velocities (blocks.Network); its config
-is a frozen dataclass whose `kind` names it and whose `wants` says what it needs of the graph.
+A network is a torch module that makes normalised velocities of a graph scaled by a normaliser (blocks.Network). Its config is a
+frozen dataclass whose `kind` names it and whose `wants` says what it needs of the graph. A new one is a file in rivals/ and an entry
+in each table below.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
     checkpoint   a trained network on disk
     memory       freed memory kept for the next step
     predictor    what all predictors have in common
-    rollout      a network walking through a trajectory
-    rivals       what knows nothing, and finite elements at several meshes
+    rollout      a network led through a trajectory by its own predictions
+    rivals       trivial predictors, and finite elements on several meshes
     surrogates   trained networks, alone and corrected by Newton steps
     sweep        many obstacle paths for one body at once
     gradient     how the end of a path depends on the path

@@ -1,7 +1,7 @@
 """Rollouts of a trained run held against finite elements and beside their rivals, gathered in one report; where the trajectories have
 no scene, as imported ones, against the data alone.
 
-On each test trajectory: the network, the network corrected by Newton steps, what knows nothing, finite elements on coarser meshes, and the
+On each test trajectory: the network, the network corrected by Newton steps, trivial predictors, finite elements on coarser meshes, and the
 solver that made the truth, for its time. Written by report.py, rivals in rivals.py, measured by measure.py. All rivals: compare.py.
 """
 

@@ -3,7 +3,7 @@
     theory       a clamped beam under one force or torque
     beam         a scene seen from the beam's own frame, its sections as a few numbers
     touch        how an obstacle meets a beam
-    features     what the network is shown, and what its answer is added to
+    features     the network's inputs, and what its output is added to
     samples      trajectories as tables of poses and sections
     model        a trained network with its scales, on disk and applied to poses
     path         all frames of a scene: a few poses, splines in time, nodes

@@ -2,7 +2,7 @@
 
     plan    what a study file asks for at a size: rows, configs, data
     work    one training, and what is measured of it
-    run     all of them, stopped and gone on with
+    run     all of them, stopped and resumed
     table   means, deviations, and which rows can be told apart; table.md and table.csv
     page    report.html with the curves
 """

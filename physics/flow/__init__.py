@@ -5,8 +5,8 @@
     conditions   what is given at the boundary, and what happens where fluid leaves
     stepping     one step in time, split, with kept factors
     forces       drag and lift from the residual, a difference of pressure
-    frames       how many steps lead from frame to frame, and what is said of each
-    stationary   the flow that does not change, by Newton's method
+    frames       how long a step is, and what is reported of each frame
+    stationary   the stationary flow, by Newton's method
     stored       the mesh on which frames are stored
     solution     `solve_flow`: the answer to a scene
 """

@@ -3,11 +3,11 @@
     stiffness    what a solver asks of a body
     native       C++ compiled once and kept
     dissection   a numbering of little fill, and the multifrontal Cholesky factor (dissection.cpp)
-    columns      what unit forces do, kept as long as a factor
+    columns      the compliance: what unit forces do, kept as long as a factor
     cholesky     banded and dissected factors of a positive definite stiffness
-    indefinite   MUMPS's factor of any
+    indefinite   MUMPS's factor of any stiffness
     rows         what share of a stiffness a process has
     multigrid    conjugate gradients where a factor is too large
-    factor       which of all these a body gets, and what a factor can do
+    factor       which of these factors a body gets, and what a factor can do
     eigen/       the lowest eigenpairs
 """

@@ -1,6 +1,6 @@
-"""A body that swings through time.
+"""A body in motion, with inertia.
 
     inertia    whether it matters
     impact     contact that makes no energy
-    dynamics   one step of time after the other
+    dynamics   one time step after the other
 """

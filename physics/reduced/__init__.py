@@ -1,4 +1,5 @@
-"""The same body in few shapes, by numpy and scipy alone: a rival of finite elements, and an estimate for a network to correct.
+"""The reduced-order model: the same body in few shapes, by numpy and scipy alone; a rival of finite elements, and an estimate that a
+network may correct.
 
     elastic       forces and stiffness in numpy, without dolfinx
     space         the energy as a polynomial of the amplitudes

@@ -1,12 +1,12 @@
 """What is simulated: a body, its materials, its supports and loads, rigid obstacles, and the steps.
 
     body    the body, its materials and places, with unit and bounds of every key
-    parts   what happens to it, as well: supports, loads, obstacles, steps
+    parts   what happens to it: supports, loads, obstacles, steps, with unit and bounds of every key
     rules   which keys the shapes of bodies and obstacles need, take and refuse
     plane   what may not act across a plane body
     surface the closed surface of an obstacle, from a file of triangles
     tables  how loads, supports and obstacles go along the steps, in the scene or in a CSV file
-    change  single values changed from outside
+    change  single values changed, as by --set
     flow    a fluid in a domain in place of a body that deforms
     scene   all of it together: read from TOML, checked, written back
 

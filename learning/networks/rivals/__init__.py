@@ -1,4 +1,4 @@
-"""What the paper holds M4GN against, each from its equations.
+"""What the paper compares M4GN with, and Transolver, each from its equations.
 
     mgn         message passing alone
     gcn         graph convolutions that see no edges

@@ -2,7 +2,7 @@
 
     pairs      what is asked and answered: problem, pairs, residuals, clusters
     krylov     block Lanczos
-    dissected  the own factor for blocks of vectors, and its inertia
+    dissected  the factor by nested dissection for blocks of vectors, and its inertia
     mumps      SLEPc's Krylov-Schur with MUMPS's factor
     direct     with one of these factors: shift and invert, counted by inertia, refined in extended precision
     iterated   without one: SLEPc's LOBPCG and Davidson's method with multigrid
