@@ -1,6 +1,7 @@
 """Scenes that ask for an error: what is chosen, whether the error is kept, and what is refused."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -98,6 +99,16 @@ def test_an_error_beyond_the_nodes_allowed_is_not_promised():
     solution = solve(choice.scene, mesh=choice.mesh)
     verdict = judge(choice, solution)
     assert not verdict.reached and "is not promised" in verdict.not_kept() and verdict.lines()[0].endswith("NOT kept")
+
+
+def test_what_pilots_have_at_their_points_is_that_of_the_mesh_asked_for_whichever_was_asked_before(bent):
+    """Displacements x and then 2 x, which cells of any size hold."""
+    pilots = bent[1].pilots
+    family = families(bent[0])[0]
+    meshes = [family.rung(sizes)[1] for sizes in ((6, 2, 2), (5, 3, 2))]
+    for factor, mesh in zip((1.0, 2.0, 1.0, 2.0), [*meshes, *meshes], strict=True):
+        solution = SimpleNamespace(mesh=mesh, displacement=factor * mesh.points[None], reaction=np.zeros((1, 3)), linear_steps=0)
+        assert pilots.of(bent[0], solution, [0])[0] == pytest.approx(factor * pilots.points, rel=1e-12)
 
 
 def test_points_of_comparison_lie_in_all_meshes_of_a_box_and_weigh_one():

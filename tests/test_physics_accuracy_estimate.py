@@ -59,6 +59,19 @@ def test_each_direction_alone_and_all_together_show_the_order_and_the_error_of_a
     assert looked(alone, [2.0, 1.5], 3 * change, 2.0, "displacement", np.ones(1)).how == "irregular"
 
 
+@pytest.mark.parametrize("usual", [1.5, 2.0])
+def test_a_second_mesh_that_was_refined_in_one_direction_alone_shows_no_order_and_the_first_one_is_assumed(usual):
+    """Its change is that of this direction, whatever the order: rounding is not to decide between 2 and 0.8."""
+    draw = np.random.default_rng(0)
+    for ratio in (1 / 2, 2 / 3, 6 / 9.0, 9 / 14):
+        for _ in range(20):
+            one, other = draw.normal(size=(2, 1, 5, 3))
+            change = float(np.sqrt((one**2).sum()))
+            found = looked([(ratio, one), (0.5, other)], [1 / ratio, 1.0], change, usual, "displacement", np.ones(5))
+            left = np.sqrt(((one * ratio / (1 - ratio) + other / (1 - 0.5)) ** 2).sum())
+            assert (found.order, found.how) == (1.0, "assumed") and found.error == pytest.approx(left, rel=1e-9)
+
+
 def test_distance_is_the_relative_norm_over_poses_and_weighted_points():
     """Two poses, two points of weight 3/4 and 1/4: |b|^2 = 3/4 + 1 and |a - b|^2 = 1/4 0.5^2, worked out by hand."""
     finer = np.array([[[1.0], [0.0]], [[0.0], [2.0]]])

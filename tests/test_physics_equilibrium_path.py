@@ -96,6 +96,31 @@ def test_where_states_are_known_ahead_a_step_begins_on_the_polynomial_between_th
         assert dict(asked)[fraction] == pytest.approx(np.full((2, 3), lagrange), rel=1e-9)
 
 
+def test_a_step_that_fails_between_states_known_ahead_is_tried_without_them_before_it_is_halved():
+    """And so are all that follow: those states may be of another branch, from which nothing leads back to the path. From rest on,
+    where none of them was of use, the step is halved at once."""
+    asked, path = [], path_of(bent())
+
+    class Line:
+        """Equilibria on a line, which are found from near them alone."""
+
+        def equilibrium(self, fraction, start, last):
+            asked.append(fraction)
+            if abs(start - fraction).max() > 0.3:
+                raise NoEquilibrium("none")
+            return state(fraction, np.full((2, 3), fraction))
+
+        def led(self, u, target):
+            return u
+
+    path.linear, path.newton, path.states = None, Line(), [state(0.0, np.zeros((2, 3)))]
+    path.ahead = [state(t, np.full((2, 3), -9.0)) for t in (0.5, 1.0)]
+    for step in (2, 3, 4):
+        path.advance(step / 4)
+    assert asked == [0.5, 0.25, 0.5, 0.5, 0.75, 1.0] and path.halvings == 1
+    assert [known.u[0, 0] for known in path.states] == [0.25, 0.5, 0.75, 1.0]
+
+
 def replace_target(balance, target):
     balance.moves.target = target
     return balance

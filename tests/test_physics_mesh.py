@@ -1,6 +1,7 @@
 """Meshes of boxes, their facets, edges and places: against grids counted in plain loops and on paper."""
 
 from collections import Counter
+from dataclasses import replace
 from itertools import product
 
 import meshio
@@ -201,6 +202,29 @@ def test_groups_of_a_file_are_what_the_file_says():
     assert {k: rows.tolist() for k, rows in mesh.entities("wire").items()} == {1: [[0], [1], [2]], 2: [[0, 1], [1, 2]]}
     assert {k: rows.tolist() for k, rows in mesh.entities("wire patch").items()} == {1: [[0], [1]], 2: [[0, 1]]}
     assert {k: len(rows) for k, rows in mesh.entities("all").items()} == {1: 60, 2: 133, 4: 98, 8: 24}  # Euler: 60 - 133 + 98 - 24 = 1
+
+
+@pytest.mark.parametrize("cell", ["prism", "tetrahedron", "hexahedron", "triangle", "quadrilateral"])
+def test_a_set_of_nodes_is_made_of_all_that_lies_between_them_on_the_boundary(cell):
+    """Of the outer facets, their edges and their nodes those whose every node is in the set, also where no facet is."""
+    plane = cell in ("triangle", "quadrilateral")
+    body = Body(length=3.0, width=2.0, cells=(3, 2) if plane else (3, 2, 2), cell=cell, **{"shape": "plate"} if plane else {"height": 2.0})
+    mesh, draw = build_mesh(body), np.random.default_rng(0)
+    facets = [facet for some in mesh.boundary for facet in some.tolist()]
+    edges = [{*pair} for pair in zip(*(np.concatenate([np.roll(some, shift, axis=1).ravel().tolist() for some in mesh.boundary])
+                                       for shift in (0, 1)), strict=True)]
+    chosen = [np.sort(draw.permutation(len(mesh.points))[:count]) for count in (2, len(mesh.points) // 3, len(mesh.points) // 2)]
+    chosen.append(np.flatnonzero((mesh.points[:, 1:] == 0).all(axis=1)))  # an edge of the body
+    for nodes in chosen:
+        inside, expected = set(nodes.tolist()), {}
+        for rows in (map(set, facets), edges):
+            for row in rows:
+                if row <= inside:
+                    expected.setdefault(len(row), set()).add(tuple(sorted(row)))
+        found = replace(mesh, places={"some": nodes}).entities("some")
+        assert found[1].ravel().tolist() == nodes.tolist()
+        assert {k: rows.tolist() for k, rows in found.items() if k > 1 and len(rows)} == {
+            k: sorted(map(list, rows)) for k, rows in expected.items()}
 
 
 def test_all_that_a_prism_is_made_of():

@@ -78,6 +78,15 @@ def test_a_traction_needs_a_face_and_an_inner_one_will_do(one_number, where, wor
         assert solve(given).displacement[-1, :, 2].max() > 1e-4
 
 
+def test_a_face_that_a_group_lists_twice_bears_a_traction_once(tmp_path):
+    """As where gmsh keeps a face for each of two volumes: round it one way and the other."""
+    mesh = box(Body(**BODY | {"cells": (4, 1, 1)}))
+    end = mesh.cells[3, 4:]
+    (tmp_path / "part.msh").write_text(gmsh_text(mesh, [(5, 9, mesh.cells), (3, 2, [mesh.cells[0, :4]]), (3, 4, [end, end[::-1]])]))
+    given = scene(tmp_path / "part.msh", support=[{"where": "2"}], load=[{"where": "4", "traction": [0, 0, 1.0]}])
+    assert traction_load(given, read_mesh(tmp_path / "part.msh")).sum(axis=0) == pytest.approx([0, 0, 0.01])  # of 0.1 m by 0.1 m
+
+
 def test_faces_of_a_group_that_are_no_sides_of_the_body_are_not_dropped(tmp_path):
     mesh = box(Body(**BODY | {"cells": (4, 1, 1)}))
     across = mesh.cells[0, [0, 1, 6, 7]]  # from one side of the first cell to the other

@@ -9,7 +9,7 @@ import pytest
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
 from physics.mesh.quality import cell_volumes
-from physics.mesh.second import corners_only, cut_into_eight, is_curved, second_order
+from physics.mesh.second import corners_only, cut_into_eight, is_curved, middle_nodes, second_order
 from physics.mesh.shapes.boxes import box
 from physics.scene import Body, read_scene
 from physics.solution import solve
@@ -29,6 +29,16 @@ def test_ten_nodes_make_eight_tetrahedra_of_an_eighth_each_whose_sides_match():
     outside = mesh.points[sides[count == 1]]  # each lies in one of the six faces of the box
     flat = [(abs(outside[..., k] - at) < 1e-12).all(axis=1) for k, top in enumerate((2.0, 1.0, 3.0)) for at in (0.0, top)]
     assert np.any(flat, axis=0).all() and len(outside) == 2 * (2 * 1 + 1 * 3 + 2 * 3) * 2 * 4
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_the_node_in_the_middle_of_some_corners_lies_there_and_there_is_none_where_no_side_is(cell):
+    mesh = build_mesh(Body(**SIDES, cell=cell, order=2))
+    for local in CELLS[mesh.cell].middles:
+        rows = mesh.cells[:, list(local)][::-1, ::-1]
+        np.testing.assert_allclose(mesh.points[middle_nodes(mesh, rows)], mesh.points[rows].mean(axis=1), atol=1e-12)
+        assert middle_nodes(mesh, rows * 0).tolist() == [-1] * len(rows)
+    assert middle_nodes(corners_only(mesh), rows).tolist() == [-1] * len(rows)
 
 
 def ordered(points):

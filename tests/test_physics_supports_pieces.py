@@ -52,6 +52,13 @@ def test_of_several_pieces_each_is_held_by_itself():
     assert loose(pieces(1), 0 * one > 0) == "6 rigid motions of the body left free; fix more components"
 
 
+def test_a_node_of_no_cell_is_held_by_itself_too():
+    mesh, fixed = pieces(1), np.ones((5, 3), bool)
+    mesh = replace(mesh, points=np.concatenate([mesh.points, [[9.0, 9, 9]]]))
+    fixed[4] = False
+    assert loose(mesh, fixed).startswith("6 rigid motions of one of 2 pieces left free: piece 2 has 0 cell from (9, 9, 9)")
+
+
 def chain(count):
     """Tetrahedra that hang together at single nodes: the tip of each along x is the corner of the next."""
     points = [np.array([[0.0, 0, 0]])]

@@ -63,8 +63,8 @@ def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None
                 on_step(step * every)
 
         fewer = replace(scene, steps=replace(scene.steps, count=solved))
-        found = solve(fewer, on_step=reached, partial=True, look=False, ahead=choice.states, **how)
-        if found.failure or found.snap.any():
+        found = solve(fewer, on_step=reached, partial=True, look=False, ahead=choice.states, **how | {"snaps": False})
+        if found.failure:
             break
         off = missed(choice, found, 1)
         if off <= BETWEEN * choice.asked:

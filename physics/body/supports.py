@@ -31,7 +31,7 @@ def held(scene: Scene, mesh: Mesh) -> NDArray[np.bool_]:
 
 def rigid_motions_left(mesh: Mesh, fixed: NDArray[np.bool_]) -> int:
     """How many of the six rigid motions the held components (N, 3) leave free."""
-    x = (mesh.points - mesh.points.mean(axis=0)) / np.ptp(mesh.points)
+    x = (mesh.points - mesh.points.mean(axis=0)) / (np.ptp(mesh.points) or 1.0)  # a lone node has no extent
     motions = [np.broadcast_to(axis, x.shape) for axis in np.eye(3)] + [np.cross(axis, x) for axis in np.eye(3)]
     at_held = np.stack([motion[fixed] for motion in motions], axis=1)
     return 6 - int(np.linalg.matrix_rank(at_held, tol=1e-9 * len(at_held) ** 0.5)) if len(at_held) else 6

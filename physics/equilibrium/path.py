@@ -58,7 +58,8 @@ class LoadPath:
     def __init__(self, scene: Scene, mesh: Mesh, *, tolerance: float = TOLERANCE, method: str | None = None, spread: bool = False,
                  small_strain: float = LINEAR_TOLERANCE, snaps: bool = True, ahead: Sequence[State] = ()) -> None:
         """Args: tolerance: residual over reaction; small_strain: error that it may make; method, spread: as in `factor.solver_for`;
-        snaps: whether the path goes on where the body snaps; ahead: states that are known already, in their order."""
+        snaps: whether the path goes on where the body snaps; ahead: states that are known already, in their order, until a step between
+        them fails."""
         self._finite = Balance(scene, mesh, method=method, spread=spread)
         self.linear, self.kinematics = choose(scene, mesh, self._finite, small_strain)  # while small strain is enough, and why it is not
         self.linear_steps = 0
@@ -86,6 +87,9 @@ class LoadPath:
             if self.linear is None or self.linear.holds(state.u):
                 return self._append(state)
         except NoEquilibrium as error:
+            if self.ahead and last.u.any():  # what is known ahead may lead astray
+                self.ahead = ()
+                return self.advance(fraction, depth)
             if depth == HALVINGS and (self.linear is None or self.linear.asked):
                 return self._snap(fraction, error)
         if self.linear is not None and not self.linear.asked:
