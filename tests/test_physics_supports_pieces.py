@@ -56,7 +56,7 @@ def test_a_node_of_no_cell_is_held_by_itself_too():
     mesh, fixed = pieces(1), np.ones((5, 3), bool)
     mesh = replace(mesh, points=np.concatenate([mesh.points, [[9.0, 9, 9]]]))
     fixed[4] = False
-    assert loose(mesh, fixed).startswith("6 rigid motions of one of 2 pieces left free: piece 2 has 0 cell from (9, 9, 9)")
+    assert loose(mesh, fixed).startswith("6 rigid motions of one of 2 pieces left free: piece 2 has 0 cells from (9, 9, 9)")
 
 
 def chain(count):

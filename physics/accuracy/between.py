@@ -114,8 +114,11 @@ def _filled(scene: Scene, solution: Solution, every: int) -> Solution:
     u[ends] = solution.displacement
     balance = Balance(scene, solution.mesh)
     fixed = held(scene, solution.mesh)
-    for frame in frames:
-        u[frame][fixed] = balance.moved(frame / count)[fixed]
+    if balance.moves.varied:
+        for frame in frames:
+            u[frame][fixed] = balance.moved(frame / count)[fixed]
+    else:
+        u[:, fixed] = frames[:, None] / count * balance.target[fixed]
     each = {name: to @ getattr(solution, name) for name in ("reaction", "energy")}
     residual = np.append(solution.relative_residual[0], solution.relative_residual[1:].repeat(every))
     linear = solution.linear_steps * every

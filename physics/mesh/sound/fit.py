@@ -158,4 +158,4 @@ def described(points: Floats, cells: Integers, label: Integers, piece: int) -> s
     x = points[label == piece]
     many = int((label[cells[:, 0]] == piece).sum())
     ends = [f"({', '.join(f'{c:.4g}' for c in end)})" for end in (x.min(axis=0), x.max(axis=0))]
-    return f"piece {piece + 1} has {many} cell{'s' if many > 1 else ''} from {ends[0]} to {ends[1]} m"
+    return f"piece {piece + 1} has {many} cell{'s' * (many != 1)} from {ends[0]} to {ends[1]} m"
