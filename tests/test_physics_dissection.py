@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from physics.linalg import dissection
-from physics.linalg.dissection import LEAF, Panels, _cut, dissect, slots
+from physics.linalg.dissection import Panels
+from physics.linalg.ordering.nested import LEAF, _cut, dissect, slots
 from physics.mesh.build import build_mesh
 from tests.scenes import beam
 
@@ -178,4 +178,4 @@ def test_a_matrix_that_is_not_definite_has_no_factor():
         panels.values[diagonal] = 1.0
         panels.values[diagonal[place]] = -1.0
         assert not panels.factor()
-    assert len(panels.values) == found.numbers + 1 and dissection.LEAF == 20
+    assert len(panels.values) == found.numbers + 1 and LEAF == 20

@@ -5,7 +5,8 @@ import pytest
 import scipy.linalg
 
 from physics.linalg import dissection
-from physics.linalg.dissection import Panels, dissect, shared, slots
+from physics.linalg.dissection import Panels, shared
+from physics.linalg.ordering.nested import dissect, slots
 from tests.test_physics_dissection import bar, random_stiffness
 
 

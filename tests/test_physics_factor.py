@@ -8,8 +8,8 @@ from physics.equilibrium.balance import Balance
 from physics.equilibrium.mixing import Mixing
 from physics.linalg import cholesky
 from physics.linalg.cholesky import BandFactor, DissectionFactor, NotPositiveDefinite, narrowest_order
-from physics.linalg.dissection import dissect
 from physics.linalg.indefinite import SparseFactor
+from physics.linalg.ordering.nested import dissect
 from physics.mesh.build import build_mesh
 from tests.scenes import beam
 

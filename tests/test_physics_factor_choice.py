@@ -10,10 +10,10 @@ import pytest
 from physics.equilibrium.balance import Balance
 from physics.linalg import cholesky
 from physics.linalg.cholesky import BandFactor, DissectionFactor, NotPositiveDefinite, narrowest_order
-from physics.linalg.dissection import dissect
 from physics.linalg.factor import factor_for, solver_for
 from physics.linalg.indefinite import SparseFactor
 from physics.linalg.multigrid import Multigrid
+from physics.linalg.ordering.nested import dissect
 from physics.mesh.build import build_mesh
 from tests import dense
 from tests.scenes import beam

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.linalg.dissection import Dissection, factored, laid_out
+from physics.linalg.dissection import factored
 from physics.linalg.native import aligned, compiled, pointer
+from physics.linalg.ordering.nested import Dissection, laid_out
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

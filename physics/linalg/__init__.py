@@ -2,7 +2,8 @@
 
     stiffness    what a solver asks of a body
     native       C++ compiled once and kept
-    dissection   a numbering of little fill, and the multifrontal Cholesky factor (dissection.cpp)
+    ordering/    nested dissection: a numbering of little fill
+    dissection   the multifrontal Cholesky factor in that numbering (dissection.cpp)
     columns      the compliance: what unit forces do, kept as long as a factor
     cholesky     banded and dissected factors of a positive definite stiffness
     indefinite   MUMPS's factor of any stiffness

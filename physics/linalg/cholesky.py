@@ -28,8 +28,9 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from physics import threads
 from physics.linalg.columns import Columns
-from physics.linalg.dissection import Dissection, Panels, dissect, slots
+from physics.linalg.dissection import Panels
 from physics.linalg.native import compiled, pointer
+from physics.linalg.ordering.nested import Dissection, dissect, slots
 from physics.linalg.stiffness import Stiffness
 from physics.mesh.cell import CELLS
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from physics.linalg import cholesky
 from physics.linalg.cholesky import BandFactor, DissectionFactor, narrowest_order
-from physics.linalg.dissection import dissect
 from physics.linalg.multigrid import Multigrid
+from physics.linalg.ordering.nested import dissect
 from physics.linalg.stiffness import Stiffness
 
 Floats = NDArray[np.float64]

@@ -23,11 +23,12 @@ from scipy.sparse.linalg import splu
 
 from physics.body.element import samples
 from physics.body.material import lame, law_of, stress
+from physics.linalg.ordering.nested import dissect
 from physics.mesh.mesh import Mesh
 from physics.scene import Material
 
 Floats = NDArray[np.float64]
-NARROW = 600  # half bandwidth of K up to which a numbering along the body fills its factor least
+NARROW = 250  # half bandwidth of K up to which a numbering along the body fills its factor least; past it nested dissection's does
 
 
 class Elastic:
@@ -63,9 +64,11 @@ class Elastic:
         free = np.flatnonzero(~self.held)
         self._order = free[reverse_cuthill_mckee(self.stiffness[free][:, free].tocsr(), symmetric_mode=True)]
         matrix = self.stiffness[self._order][:, self._order].tocoo()
-        narrow = abs(matrix.row - matrix.col).max() <= NARROW
-        self._factor = splu(matrix.tocsc(), permc_spec="NATURAL" if narrow else "MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-                            options={"SymmetricMode": True})
+        if abs(matrix.row - matrix.col).max() > NARROW:
+            self._order = components(dissect(mesh.points, mesh.cells.astype(np.int32)).order)
+            self._order = self._order[~self.held[self._order]]
+            matrix = self.stiffness[self._order][:, self._order]
+        self._factor = splu(matrix.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         self._known, self.columns = np.full(nodes, -1), np.zeros((0, self.size))
 
     def _assemble(self, cells: NDArray[np.int64], gradient: Floats) -> sparse.csc_matrix:

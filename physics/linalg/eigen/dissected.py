@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 
 from physics import threads
 from physics.linalg.cholesky import SHARED, NotPositiveDefinite
-from physics.linalg.dissection import Panels, dissect, factored, slots
+from physics.linalg.dissection import Panels, factored
 from physics.linalg.eigen.krylov import largest_pairs
 from physics.linalg.eigen.pairs import EPS, GOAL, Known, Problem
 from physics.linalg.native import pointer
+from physics.linalg.ordering.nested import dissect, slots
 
 Floats = NDArray[np.float64]
 WIDTH = 8  # vectors of a block: what solve_block in dissection.cpp takes
