@@ -4,7 +4,7 @@
     .venv/bin/python -m benchmarks.study main FOLDER --size check --columns rmse_1 rmse_all
     .venv/bin/python -m benchmarks.study main FOLDER --words        which rows the spread can tell apart
 
-Beside them stand RMSE-all as a share of what a body that never moves has, and how many seeds there are.
+Beside them stand RMSE-all as a share of what a body that never moves has, and how many seeds there are. Rows without any are left out.
 """
 
 import math
@@ -36,6 +36,8 @@ def main() -> None:
         still = result.cells[STILL][test.name][FIGURE].mean
         for name, cells in result.cells.items():
             known, row = cells[test.name], {"": name} | ({"on": test.name} if len(result.plan.tests) > 1 else {})
+            if not known[FIGURE].count:
+                continue
             for key in options.columns:
                 row[heads[key]] = told(known[key], result.columns[key]) if key in known else "–"
             share = known[FIGURE].mean / still

@@ -35,7 +35,9 @@ def test_a_cell_is_mean_and_sample_deviation_in_its_unit(tmp_path, capsys, monke
         (one / "trained.json").write_text(json.dumps({"parameters": 5, "step_ms": 2.0, "memory": 9e6, "seconds": 7200}))
         (one / "on-test.json").write_text(json.dumps({"rmse_all": error, "ms_per_step_alone": 0.5}))
     (runs / "still-data.json").write_text(json.dumps({"rmse_all": 4e-3}))
+    shutil.rmtree(runs / "MGN")
     made = rows(capsys, monkeypatch, tmp_path / "kept", "--columns", "rmse_all", "hours", "test_ms")
+    assert "MGN" not in made and "BSMS-GNN" in made  # what has no seed has no row
     assert made["GCN"] == ["2 ± 1.4", "2 ± 0", "0.5 ± 0", "50.0%", "2"]
     assert made["nothing moves"] == ["4", "–", "–", "100.0%", "1"]
 
