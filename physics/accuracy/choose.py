@@ -75,7 +75,7 @@ def choose(scene: Scene, most: int = MOST_NODES) -> Choice:
             loose = _tightened(pilots, climb, LOOSE * asked)
 
     best, other = climbed([Climb(kind, pilots, MESH * asked, most, kind.base) for kind in kinds], begun)
-    chosen, _ = best.family.rung(best.sizes)
+    chosen = best.family.scene_with(best.sizes)
     return Choice(chosen, best.pilot.mesh, best, pilots.tolerance, pilots.small_strain, loose, pilots, asked, quantity, other)
 
 

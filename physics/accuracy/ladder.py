@@ -77,16 +77,23 @@ class MeshFamily:
         return (self.own.dimension,) if self.body.shape == "file" else (2, 1) if self.body.shape == "panel" else (1,) * len(self.base)
 
     def rung(self, sizes: Sizes) -> tuple[Scene, Mesh]:
-        """The scene with the mesh of these numbers, in the keys of its body as far as they can say it, and the mesh."""
+        """The scene with the mesh of these numbers, and the mesh."""
+        scene = self.scene_with(sizes)
+        if self.body.shape != "file":
+            return scene, build_mesh(scene.body)
+        mesh = self.own
+        for _ in range(round(math.log2(sizes[0]))):
+            mesh = halved(mesh)
+        return scene, across(of_order(mesh, scene.body), scene.body)
+
+    def scene_with(self, sizes: Sizes) -> Scene:
+        """The scene with the mesh of these numbers, in the keys of its body as far as they can say it."""
         body, steps = self.body, replace(self.scene.steps, error=None, quantity=None)
         ratio = max(material.poisson_ratio for material in self.scene.materials)
         if body.shape == "file":
-            mesh = self.own
-            for _ in range(round(math.log2(sizes[0]))):
-                mesh = halved(mesh)
-            solid = mesh.dimension == 3 and (mesh.cell != "tetrahedron" or self.order == 2)
+            solid = self.own.dimension == 3 and (self.own.cell != "tetrahedron" or self.order == 2)
             body = replace(body, order=self.order, element="mean-dilatation" if solid and ratio >= STIFF else "standard")
-            return replace(self.scene, body=body, steps=steps), across(of_order(mesh, body), body)
+            return replace(self.scene, body=body, steps=steps)
         if body.shape == "panel":
             body = replace(body, cell="tetrahedron", cell_size=max(body.extent) / sizes[0], layers=sizes[1], order=self.order)
         elif len(sizes) == 2:
@@ -96,7 +103,7 @@ class MeshFamily:
         free = body.cell == "hexahedron" and self.order == 1
         if free or (body.order == 2 and ratio >= STIFF):
             body = replace(body, element="mean-dilatation")
-        return replace(self.scene, body=body, steps=steps), build_mesh(body)
+        return replace(self.scene, body=body, steps=steps)
 
     def said(self, sizes: Sizes) -> str:
         """The cells in words."""

@@ -205,7 +205,7 @@ def _slots_of_cells(dissection: Dissection, elasticity: Stiffness) -> NDArray[np
     turned = place[:, first] > place[:, second]
     early = np.minimum(place[:, first], place[:, second])
     begin = slots(dissection, 3 * np.maximum(place[:, first], place[:, second]), 3 * early)
-    height = np.repeat(dissection.part["own"] + dissection.part["rest"], dissection.part["own"] // 3)[early]  # of a column of the panel
+    height = dissection.height[early]
     pair = np.zeros((n, n), np.int64)
     pair[first, second] = np.arange(len(first))
     rows, columns = np.triu_indices(3 * n)  # components of these nodes

@@ -79,7 +79,7 @@ class BlockLanczos:
         lower = row >= column
         row, column = row[lower], column[lower]
         self._stiff, self._heavy = blocks.data[lower], heavy.data[lower]  # (B, 3, 3)
-        height = np.repeat(d.part["own"] + d.part["rest"], d.part["own"] // 3)[column]  # of a column of its panel
+        height = d.height[column]
         down, across = np.arange(3)[:, None], np.arange(3)
         inside = self.free[self._order].reshape(-1, 3)
         used = inside[row][:, :, None] & inside[column][:, None, :] & ((row > column)[:, None, None] | (down >= across))

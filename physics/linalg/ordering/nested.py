@@ -47,6 +47,11 @@ class Dissection:
     memory: int
     operations: float
 
+    @property
+    def height(self) -> Integers:
+        """(N,) of the panel that the columns of the node at each place stand in."""
+        return np.repeat(self.part["own"] + self.part["rest"], self.part["own"] // 3)
+
 
 def dissect(points: Floats, cells: NDArray[np.int32]) -> Dissection:
     """Cut the nodes at points (N, 3), of which those of a cell (C, n) belong together, into parts."""
