@@ -51,7 +51,7 @@ class TrainConfig:
     history: 1 to show the last velocity too
     estimate: correct an estimate of the reduced-order model rather than predict from nothing
     frames: that are learned from in each trajectory, evenly spaced; all by default
-    bundle: of flows, frames that are told at once
+    bundle: frames that are told at once
     pushed: how many of its own predictions lie in the mean behind a frame from which the network learns to go on
     segments: how many, for networks that see them; "auto" picks the number for each body by its silhouette
     method: how segments are cut
@@ -102,8 +102,9 @@ class TrainConfig:
         if self.history and (self.scheme == "pose" or self.estimate):
             raise InputError('history = 1: goes with scheme = "step" without an estimate; a pose has no past, and an estimate '
                              "tells the velocity")
-        if self.pushed and (self.scheme == "pose" or self.estimate or self.history):
-            raise InputError('pushed: goes with scheme = "step", without history and estimate')
+        for name, asked in (("pushed", self.pushed), ("bundle", self.bundle > 1)):
+            if asked and (self.scheme == "pose" or self.estimate or self.history):
+                raise InputError(f'{name}: goes with scheme = "step", without history and estimate')
         if self.overlap and not self.network.wants.overlap:
             raise InputError(f'overlap = 1: goes with a network that takes overlapping segments, [network] kind = "m4gn", '
                              f'not "{self.network.kind}"')

@@ -14,7 +14,7 @@ from learning.training.train import train
 from learning.training.walks import Walks
 from physics.schema import InputError
 from tests.five_nodes import square_flow, tiny
-from tests.test_learning_flows_bundle import CONFIG, FREE, model
+from tests.test_learning_bundle import CONFIG, FREE, model
 
 GIVEN = [0, 1, 3]
 

@@ -103,7 +103,7 @@ class Coarser:
 class Graph:
     """One frame, or several as a disjoint union.
 
-    node: (N, 3 D + 3), 7 more where the material is told, mesh_edge: (E, 2 D + 2), contact_edge: (W, D + 1) features;
+    node: (N, (b + 2) D + 3), 7 more where the material is told, mesh_edge: (E, 2 D + 2), contact_edge: (W, D + 1) features;
         of a flow (N, k + D), (E, D + 1) and none
     mesh_pair: (2, E), contact_pair: (2, W) senders and receivers
     place: (N, 2 D) rest positions from O and displacements [m], as they stand in `node` before it is scaled
@@ -210,12 +210,12 @@ def build_graph(skeleton: Skeleton, positions: NDArray[np.float64], velocity: ND
 
     Args:
         positions: (N, D) current positions [m]
-        velocity: (N, D) displacement to the next frame [m]; read on prescribed nodes only
+        velocity: (N, b D) displacements to the next frames [m]; read on prescribed nodes only
         radius: r_W, the largest distance of a contact edge [m]
         known: (N, D) what stands in its place on free nodes
         world: contact edges join any two nodes within the radius that no mesh edge joins
     """
-    velocity = np.where(skeleton.free[:, None], known, velocity).astype(np.float32)  # (N, D)
+    velocity = np.where(skeleton.free[:, None], known, velocity).astype(np.float32)  # (N, b D)
     displacement = (positions - skeleton.rest).astype(np.float32)
     senders, receivers = skeleton.pair
     change = with_norm(positions[senders] - positions[receivers]) - skeleton.rest_edge  # (E, D + 1)

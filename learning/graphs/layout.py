@@ -7,7 +7,7 @@
 
 A body in a plane, its third coordinate the same everywhere and always, is seen and predicted in two. The state is predicted on free
 nodes, those that nothing prescribes; the fields on all nodes but the obstacle's, for where a body is held its stress is the largest.
-Of a flow several frames to come may be told at once: first the states of all of them, then the fields of all of them.
+Several frames to come may be told at once: first the states of all of them, then the fields of all of them.
 
 Legend: T frames, N nodes, D space dimensions, F numbers of all fields together, b frames told at once.
 """
@@ -67,7 +67,7 @@ class Layout:
     def widths(self) -> Widths:
         """How wide graphs and predictions of it are."""
         d, kinds = self.space, len(self.kinds)
-        node, mesh_edge = (kinds + d, d + 1) if self.flow else (kinds + 3 * d, 2 * d + 2)
+        node, mesh_edge = (kinds + d, d + 1) if self.flow else (kinds + (2 + self.bundle) * d, 2 * d + 2)
         return Widths(node=node + FEATURES * self.material, mesh_edge=mesh_edge, contact_edge=d + 1, space=d, further=sum(self.sizes),
                       frames=self.bundle)
 
@@ -147,8 +147,7 @@ def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = (), *,
         bundle: frames told at once
 
     Raises:
-        InputError: not all trajectories have these fields; a flow has no material, and its lengths are in metres; of solids one frame is
-            told at once
+        InputError: not all trajectories have these fields; a flow has no material, and its lengths are in metres
     """
     flow = not any(map(moves, trajectories)) and all(map(_changes, trajectories))
     sizes = []
@@ -163,8 +162,6 @@ def layout_of(trajectories: Sequence[Trajectory], fields: Sequence[str] = (), *,
         sizes.append(found.pop())
     if flow and (material or lengths != "m"):
         raise InputError(f"inputs.{'material = true' if material else f'lengths = {lengths}'}: is of bodies, and a fluid flows here")
-    if bundle > 1 and not flow:
-        raise InputError(f"bundle = {bundle}: is of flows; of solids one frame is told at once, bundle = 1")
     space = 2 if all(map(in_plane, trajectories)) else 3
     return Layout(space=space, state="velocity" if flow else "displacement", fields=tuple(fields), sizes=tuple(sizes),
                   material=material, lengths=lengths, bundle=bundle)

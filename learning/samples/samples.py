@@ -24,7 +24,8 @@ network learns to repair. A pose has no past, and no noise.
 Lengths are in metres, or counted in cells or sizes of the body, the config's own among them: all of what is above is then in that unit.
 
 Bodies in a plane have D = 2 coordinates, others D = 3. Of a flow u above is the velocity at nodes that stay, and only the first row
-is there; where several frames f, f + 1 ... are told at once, each is u less the same base. Further fields, stress or pressure
+is there. Where several frames f, f + 1 ... are told at once, which goes with the first row alone, each is u less the same base, and
+the graph of a body shows the ways of prescribed nodes to all of them. Further fields, stress or pressure
 (graphs/layout.py), are told beside y as they are in frame f, on all nodes of the body.
 
 Disturbed frames are not what a simulator walks into. With pushed > 0 a frame is shown as the network's own predictions have left it
@@ -203,7 +204,8 @@ def describe(example: Example, target: int, now: NDArray[np.floating], before: N
         now, before: (N, D) states one and two frames before; read by scheme = "step" alone
     """
     skeleton, free = example.skeleton, example.skeleton.free[:, None]  # (N, 1)
-    given = example.states[target].astype(np.float64)
+    frames = np.minimum(target + np.arange(example.layout.bundle), len(example.states) - 1)  # beyond the last nothing moves
+    given, *later = example.states[frames].astype(np.float64)
     if example.layout.flow:
         shown = np.asarray(now, np.float64)
         return Sample(flow_graph(skeleton, np.where(free, shown, given)), shown, 1.0)
@@ -216,8 +218,8 @@ def describe(example: Example, target: int, now: NDArray[np.floating], before: N
         known = velocity if example.estimate is None else answer / unit
     else:
         shown = np.asarray(now, np.float64)
-        velocity = given - shown
-        known = shown - before if config.history else np.zeros_like(shown)
+        velocity = np.concatenate([given - shown, *(each - shown for each in later)], axis=1)  # (N, b D)
+        known = shown - before if config.history else 0.0
         if example.estimate is None:
             base = shown + known
         else:
