@@ -39,11 +39,10 @@ class Body:
         0.001 for a file in millimetres.
 
     A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. Its cells are even, or get shorter towards
-    the faces that it is `graded` to (mesh/shapes/boxes.py): at a clamped face strain grows without limit at the edges. `order` 2 has quadratic
-    displacements, in tetrahedra of 10 and hexahedra of 27 nodes (not for prisms, and of plane cells for modes only); cells of second
-    order in a file then keep their curved sides. A plane
-    body deforms in its plane, either with no strain across it (plane = "strain", the default: a slice of a long body) or with
-    no stress ("stress": a thin sheet); `thickness` is its extent across [m].
+    the faces that they are `graded` to (mesh/shapes/boxes.py), clamped ones, at whose edges strain has no limit. `order` 2 has
+    quadratic displacements, in tetrahedra of 10 and hexahedra of 27 nodes (not for prisms, and of plane cells for modes only); cells
+    of second order in a file then keep their curved sides. A plane body deforms in its plane, either with no strain across it (plane
+    = "strain", the default: a slice of a long body) or with no stress ("stress": a thin sheet); `thickness` is its extent across [m].
 
     `element` is how cells are sampled (body/element.py): "reduced" lets the first-order prisms of a beam bend as they should,
     "mean-dilatation" frees prisms, hexahedra and tetrahedra of order 2 of locking near a Poisson ratio of 1/2.
@@ -52,7 +51,7 @@ class Body:
     length, width, height: along x, y and z; a channel's length and height are along x and y
     cells: how many along the axes
     cell_size: their edges, about
-    graded: to these faces, of x-min, x-max, y-min, y-max, z-min and z-max
+    graded: faces towards which cells get shorter
     cell: their kind
     order: of the displacement in a cell
     element: how cells are sampled
