@@ -80,7 +80,7 @@ def _limits(hint: Any, bound: Any) -> str:
     some = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
     form = next((_form(each) for each in some if typing.get_origin(each) is tuple), "")
     if form == "names":
-        return form
+        return f"names: {', '.join(bound.choice)}" if bound and bound.choice else form
     if bound is None:
         return form or ("true or false" if bool in some else "text" if str in some else "")
     if bound.choice and bound.at_least is None:

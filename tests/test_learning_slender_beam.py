@@ -89,7 +89,7 @@ def test_the_groove_is_about_the_row_of_nodes_nearest_to_the_first_touch():
 @pytest.mark.parametrize(("changes", "said"), [
     ({"body": {"shape": "plate"}}, "not a beam of first-order prisms"),
     ({"body": {"cell": "hexahedron"}}, "not a beam of first-order prisms"),
-    ({"cells": (20, 1, 4)}, "fewer than two cells across"),
+    ({"cells": (20, 1, 4)}, "fewer than two cells across"), ({"body": {"graded": ["x-min"]}}, "its cells are not even"),
     ({"load": [{"acceleration": [0, 0, -1]}]}, "loads or inertia"),
     ({"obstacle": [{"shape": "sphere", "radius": 0.01, "path": [[0.08, 0.01, z]] * 2} for z in (0.04, -0.02)]}, "has several obstacles"),
     ({"material": [{"young_modulus": 1e6, "poisson_ratio": 0.4, **where} for where in ({"where": {"box": [[0] * 3, [0.05, 1, 1]]}}, {})]},

@@ -59,14 +59,14 @@ def test_a_step_between_has_the_residual_of_the_middle_and_all_steps_of_data_tha
 
 
 def test_steps_begin_between_what_was_found_to_choose_and_what_is_solved(bent):
-    """With two thirds of the Newton steps at most, and at the poses of the pilot where that ended."""
+    """With two thirds of the Newton steps at most, and fewer at the poses of the pilot, where that ended."""
     choice, found, _ = bent
     fewer = replace(choice.scene, steps=replace(choice.scene.steps, count=8))
     alone = solve(fewer, mesh=choice.mesh, tolerance=choice.tolerance, small_strain=choice.small_strain)
     assert found.newton_iterations.sum() <= 2 / 3 * alone.newton_iterations.sum()
     assert abs(found.displacement[::3] - alone.displacement).max() < 1e-3 * abs(alone.displacement).max()
     at = [round(8 * fraction) for fraction in choice.pilots.fractions]
-    assert found.newton_iterations[::3][at].tolist() == [1, 1] and alone.newton_iterations[at].min() > 1
+    assert (found.newton_iterations[::3][at] < alone.newton_iterations[at]).all()
 
 
 def test_what_is_held_stays_where_it_is_prescribed_to_be():

@@ -44,13 +44,28 @@ def test_bricks_of_first_order_are_free_to_change_shape_and_stiff_bodies_at_both
     assert [(scene.body.cells, scene.body.order, mesh.cell) for scene, mesh in made] == [
         ((3, 2, 1), 2, "hexahedron27"), ((3, 2, 1), 1, "hexahedron")]
     assert all(scene.steps.error is None and scene.steps.quantity is None and scene.steps.count == 2 for scene, _ in made)
-    assert [one.said((3, 2, 1)) for one in families(scene)] == ["3 x 2 x 1 hexahedra, second order", "3 x 2 x 1 hexahedra, first order"]
+    assert [one.said((3, 2, 1)) for one in families(scene)] == [
+        f"3 x 2 x 1 hexahedra, {order} order, graded to x-min" for order in ("second", "first")]
+
+
+def test_boxes_are_graded_to_faces_that_are_clamped_and_to_none_under_an_obstacle():
+    def graded(*supports, body=SIDES):
+        scene = beam(body=body, steps=ASKED, support=[{"where": where, "fixed": fixed} for where, fixed in supports])
+        (to,) = {one.rung(one.base)[0].body.graded for one in families(scene)}
+        return to
+
+    assert graded(("x-max", "xyz"), ("x-min", "xyz")) == ("x-min", "x-max")
+    assert graded(("z-max", "xyz"), ("x-min", "xy")) == ("z-max",) and graded(("x-min", "xy"), ("y-min", "xyz")) == ("y-min",)
+    assert graded(("x-min z-min", "xyz")) is None
+    plane = {"shape": "plate", "length": 0.06, "width": 0.02, "cell": "triangle"}
+    assert graded(("x-min", "xy"), ("x-max", "x"), body=plane) == ("x-min",)
+    assert {one.body.graded for one in families(under())} == {None}
 
 
 def test_a_plane_plate_keeps_its_cells_and_a_panel_has_tetrahedra():
     plane = beam(body={"shape": "plate", "length": 0.06, "width": 0.02, "cell": "triangle"}, steps=ASKED)
     (only,) = families(plane)
-    assert (only.order, only.base, only.axes, only.said((6, 2))) == (1, (6, 2), ("x", "y"), "6 x 2 triangles, first order")
+    assert (only.order, only.base, only.axes, only.said((6, 2))) == (1, (6, 2), ("x", "y"), "6 x 2 triangles, first order, graded to x-min")
     scene, mesh = only.rung((6, 2))
     assert mesh.cell == "triangle" and scene.body.element == "standard" and scene.body.cells == (6, 2)
     panel = beam(body={"shape": "panel", "height": 0.01, "outline": [[0, 0], [0.06, 0], [0.06, 0.05], [0, 0.05]],

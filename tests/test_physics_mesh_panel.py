@@ -5,10 +5,12 @@ import pytest
 
 from physics import build_mesh
 from physics.mesh.cell import CELLS
+from physics.mesh.quality import cell_volumes
 from physics.mesh.shapes.graded import quality
 from physics.scene import Scene, read_body, read_scene
 from physics.schema import InputError
 
+SQUARE = {"outline": [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]], "holes": [[0.05, 0.05, 0.02]], "height": 0.01}
 ANGLE = [[0.0, 0.0], [0.4, 0.0], [0.4, 0.1], [0.15, 0.1], [0.15, 0.3], [0.0, 0.3]]
 
 
@@ -88,3 +90,23 @@ def test_what_a_panel_takes_and_refuses(keys, words):
 def test_what_cannot_be_meshed_is_refused_in_one_line(keys, words):
     with pytest.raises(InputError, match=words):
         build_mesh(body(**keys))
+
+
+def test_cells_of_second_order_are_round_at_a_hole():
+    """Eight arcs, each a parabola through its ends and its middle: two thirds of chord times rise more than the polygon."""
+    flat, curved = (build_mesh(body(**SQUARE, order=order)) for order in (1, 2))
+    rim = curved.points[curved.places["hole-1"]]
+    np.testing.assert_allclose(np.hypot(*(rim[:, :2] - 0.05).T), 0.02, rtol=1e-12)
+    assert len(rim) == 16 * 5  # and in five heights, the middles of two layers' among them
+    chord, rise, polygon = 2 * 0.02 * np.sin(np.pi / 8), 0.02 * (1 - np.cos(np.pi / 8)), 4 * 0.02**2 * np.sin(np.pi / 4)
+    volumes = [cell_volumes(mesh.points, mesh.cells, mesh.cell).sum() / 0.01 for mesh in (flat, curved)]
+    assert volumes == pytest.approx([0.1**2 - polygon, 0.1**2 - polygon - 8 * 2 / 3 * chord * rise], rel=1e-12)
+
+
+def test_where_round_sides_would_turn_a_cell_over_they_stay_straight_and_it_is_said():
+    """A hole 4 mm from an edge between cells of 45 mm: eight chords of 15 mm that rise by 1.5 mm."""
+    near = SQUARE | {"holes": [[0.024, 0.05, 0.02]], "cell_size": 0.045, "order": 2}
+    mesh, flat = build_mesh(body(**near)), build_mesh(body(**near | {"order": 1}))
+    assert cell_volumes(mesh.points, mesh.cells, mesh.cell).sum() == pytest.approx(volumes(flat).sum(), rel=1e-12)
+    assert mesh.remarks == ("the sides of cells on holes are left straight: curved ones would turn cells over; take a smaller cell_size",)
+    assert not flat.remarks and not build_mesh(body(**SQUARE, order=2)).remarks

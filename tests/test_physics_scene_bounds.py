@@ -52,8 +52,8 @@ def test_every_key_is_needed_has_a_default_or_is_not_given(kind):
 
 
 @pytest.mark.parametrize(("kind", "table", "keys"), [
-    (Body, {}, "shape length width height cells cell_size cell order element"),
-    (Body, {"shape": "beam", "cell": "triangle"}, "shape length width height cells cell_size cell order element plane thickness"),
+    (Body, {}, "shape length width height cells cell_size graded cell order element"),
+    (Body, {"shape": "beam", "cell": "triangle"}, "shape length width height cells cell_size graded cell order element plane thickness"),
     (Body, {"shape": "channel"}, "shape length height hole_centre hole_radius cell_size hole_cell_size cell order element plane thickness"),
     (Body, {"shape": "panel"}, "shape outline holes height layers cell_size cell order element"),
     (Body, {"shape": "file"}, "shape path scale order element plane thickness"),

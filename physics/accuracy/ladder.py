@@ -3,7 +3,7 @@
 A beam or plate is cut into hexahedra, of first order (with one dilatation a cell) or of second, with numbers along x, y and z that grow
 by themselves; a plane plate into its cells. A panel has numbers in its plane and of its layers, in tetrahedra. A file's own mesh is
 taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body share: the
-middles of a regular grid in a box, else those of the cells of the coarsest mesh.
+middles of a regular grid in a box, else those of the cells of the coarsest mesh. Boxes are graded to the faces at which they are clamped.
 
 Legend: M points.
 """
@@ -25,7 +25,7 @@ from physics.mesh.build import across, build_mesh, of_order
 from physics.mesh.cell import CELLS, SECOND
 from physics.mesh.mesh import Mesh
 from physics.mesh.refine import halved
-from physics.scene import PLANE_CELLS, Body, Scene
+from physics.scene import PLACES, PLANE_CELLS, Body, Scene
 
 Floats = NDArray[np.float64]
 Sizes = tuple[int, ...]
@@ -111,7 +111,8 @@ class MeshFamily:
         if self.body.shape == "file":
             return f"the file's own, {order} order" + (f", each side in {sizes[0]}" if sizes[0] > 1 else "")
         kind = "tetrahedra" if self.body.shape == "panel" else CELLS[self.body.cell].plural if len(sizes) == 2 else "hexahedra"
-        return f"{' x '.join(map(str, sizes))} {kind}, {order} order"
+        graded = f", graded to {' and '.join(self.body.graded)}" if self.body.graded else ""
+        return f"{' x '.join(map(str, sizes))} {kind}, {order} order{graded}"
 
     @property
     def highest(self) -> float:
@@ -126,6 +127,9 @@ def families(scene: Scene) -> list[MeshFamily]:
         first = MeshFamily(scene, 1, (1,), ("the file's cells",))
         solid = first.own.dimension == 3 and first.own.cell in SECOND
         return [replace(first, order=2), first] if solid else [first]
+    if body.shape != "panel":
+        body = replace(body, graded=_clamped(scene) or None)
+        scene = replace(scene, body=body)
     extent, longest = [side for side in body.extent if side], max(body.extent)
     width = min((Rigid(obstacle).width for obstacle in scene.obstacles), default=math.inf)
     width *= 1 if any(obstacle.contact == "nodes" for obstacle in scene.obstacles) else 2
@@ -142,6 +146,13 @@ def families(scene: Scene) -> list[MeshFamily]:
     if body.cell in PLANE_CELLS:
         return [MeshFamily(scene, 1, base(2), ("x", "y"))]
     return [MeshFamily(scene, order, base(least), ("x", "y", "z")) for order, least in ((2, 1), (1, 2))]
+
+
+def _clamped(scene: Scene) -> tuple[str, ...]:
+    """The faces of a box that are held in all directions; none under an obstacle, where cells should not be longer."""
+    plane = scene.body.cell in PLANE_CELLS
+    held = {support.where for support in scene.support if set(support.fixed) >= set("xy" if plane else "xyz")}
+    return tuple(face for face in PLACES if face in held and not scene.obstacles)
 
 
 def meshed(scene: Scene) -> list[Scene]:

@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 POSES = 4  # and two for each leg of a path or row of a table
 HALF = 0.6  # of the last displacement: the other pose on a path that goes one way
-EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "triangle": 6}  # cells of even boxes among which one holds a point
+EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "triangle": 6}  # cells of boxes among which one holds a point
 FEW = 4  # nearest cells among which one mostly holds a point
 HALVED = 3  # times the way between two poses under an obstacle may be, where another mesh's answer leads nowhere
 POWER, IDLE = 1.3, 300  # a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows
@@ -67,6 +67,7 @@ class Pilots:
     def __init__(self, scene: Scene, families: list[MeshFamily], quantity: str, *, tolerance: float, small_strain: float) -> None:
         self.scene, self.quantity, self.tolerance, self.small_strain = scene, quantity, tolerance, small_strain
         self.points, self.weights = points_of(families[0])
+        self.graded = bool(families[0].body.graded)
         self.count, self.seconds = scene.steps.count, 0.0
         self.fractions = np.arange(1, (poses := min(self.count, few(scene))) + 1) / poses
         self._known: dict[tuple[int, Sizes, float], Pilot] = {}
@@ -124,8 +125,8 @@ class Pilots:
 
     def _located(self, mesh: Mesh, points: Floats, outside_by: float) -> tuple[NDArray[np.int64], Floats]:
         """Where points (M, 3) of the body lie, or outside of it by so many cells: see `transfer.located`."""
-        even = EVEN.get(mesh.cell, CANDIDATES) if self.scene.body.shape in ("beam", "plate") else CANDIDATES
-        return located(mesh, points, outside_by, even, min(even, FEW))
+        some = EVEN.get(mesh.cell, CANDIDATES) if self.scene.body.shape in ("beam", "plate") else CANDIDATES
+        return located(mesh, points, outside_by, some, min(some, FEW), self.graded)
 
     def _fewer(self, found: Pilot) -> Pilot:
         """Keep the poses that are enough from here on."""

@@ -38,17 +38,20 @@ def carried(displacement: Floats, nodes: Integers, weights: Floats) -> Floats:
 
 
 def located(mesh: Mesh, points: Floats, outside_by: float = 1e-6, candidates: int = CANDIDATES,
-            few: int | None = None) -> tuple[Integers, Floats]:
-    """The nodes (M, n) of the cells that hold some points (M, 3), and the weights (M, n) of what they have; see `interpolate`."""
-    outside, nodes, weights = _located(mesh, points, few or candidates, 0.0 if few is None else CLOSE)
+            few: int | None = None, layered: bool = False) -> tuple[Integers, Floats]:
+    """The nodes (M, n) of the cells that hold some points (M, 3), and the weights (M, n) of what they have; see `interpolate`.
+
+    layered: cells lie in layers along all axes, as in a box, not all as thick: nearness is counted in layers
+    """
+    outside, nodes, weights = _located(mesh, points, few or candidates, 0.0 if few is None else CLOSE, layered)
     if few is not None and len(left := np.flatnonzero(outside > INSIDE)):
-        outside[left], nodes[left], weights[left] = _located(mesh, points[left], candidates, CLOSE)
+        outside[left], nodes[left], weights[left] = _located(mesh, points[left], candidates, CLOSE, layered)
     if (lost := int((outside > outside_by).sum())):
         raise ValueError(f"{lost} of {len(points)} points lie outside of the mesh to interpolate from")
     return nodes, weights
 
 
-def _located(mesh: Mesh, points: Floats, candidates: int, close: float) -> tuple[Floats, Any, Floats]:
+def _located(mesh: Mesh, points: Floats, candidates: int, close: float, layered: bool) -> tuple[Floats, Any, Floats]:
     """How far each point is outside (M,) of the nearest cell, in sizes of it, the nodes (M, n) of that, and their weights (M, n).
 
     By Newton's iteration on the isoparametric map, until all are as close, in sizes of a cell.
@@ -56,8 +59,10 @@ def _located(mesh: Mesh, points: Floats, candidates: int, close: float) -> tuple
     extent = np.ptp(mesh.points[mesh.cells], axis=1).mean(axis=0)  # of a cell along x, y, z: distances count in cells
     flat = range(mesh.dimension, 3)  # a plane body has no extent along z
     extent[flat] = 1.0
-    centres = cKDTree(mesh.points[mesh.cells].mean(axis=1) / extent)
-    near = centres.query(points / extent, min(candidates, len(mesh.cells)))[1].reshape(len(points), -1)  # (M, k)
+    centres, places = mesh.points[mesh.cells].mean(axis=1) / extent, points / extent
+    if layered:
+        centres, places = _in_layers(mesh, centres * extent), _in_layers(mesh, points)
+    near = cKDTree(centres).query(places, min(candidates, len(mesh.cells)))[1].reshape(len(points), -1)  # (M, k)
     corners = mesh.points[mesh.cells[near]]  # (M, k, n, 3)
     first = CELLS[CELLS[mesh.cell].first or mesh.cell]
     at = np.full((*near.shape, 3), 0.25 if first.name == "tetrahedron" else 0.5)  # (M, k, 3) place in the cell's coordinates
@@ -75,3 +80,10 @@ def _located(mesh: Mesh, points: Floats, candidates: int, close: float) -> tuple
     best = np.argmin(outside, axis=1)[:, None]
     nodes = mesh.cells[np.take_along_axis(near, best, 1)[:, 0]]  # (M, n)
     return np.take_along_axis(outside, best, 1)[:, 0], nodes, np.take_along_axis(values, best[..., None], 1)[:, 0]
+
+
+def _in_layers(mesh: Mesh, points: Floats) -> Floats:
+    """Places (M, 3) counted in layers of cells along each axis: 1.5 in the middle of the second."""
+    corners = mesh.points[mesh.cells[:, :CELLS[mesh.cell].corners].ravel()]
+    ends = [np.unique(corners[:, axis]) for axis in range(3)]
+    return np.stack([np.interp(points[:, axis], planes, np.arange(len(planes))) for axis, planes in enumerate(ends)], axis=1)

@@ -14,8 +14,8 @@ FAR: dict[str, Any] = {"at_least": -1e9, "at_most": 1e9}  # of coordinates and d
 
 # Which keys of [body] each shape takes besides shape, order, and for plane cells plane and thickness.
 KEYS = {
-    "beam": ("length", "width", "height", "cells", "cell_size", "cell"),
-    "plate": ("length", "width", "height", "cells", "cell_size", "cell"),
+    "beam": ("length", "width", "height", "cells", "cell_size", "graded", "cell"),
+    "plate": ("length", "width", "height", "cells", "cell_size", "graded", "cell"),
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "hole_cell_size", "cell"),
     "panel": ("outline", "holes", "height", "layers", "cell_size", "cell"),
     "file": ("path", "scale"),
@@ -38,11 +38,11 @@ class Body:
     file: the mesh in `path`, relative to the scene file; its groups name the places. Its coordinates times `scale` are metres:
         0.001 for a file in millimetres.
 
-    A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. `order` 2 has quadratic
-    displacements, in tetrahedra of 10 and hexahedra of 27 nodes (not for prisms, and of plane cells for modes only); cells of second
-    order in a file then keep their curved sides. A plane
-    body deforms in its plane, either with no strain across it (plane = "strain", the default: a slice of a long body) or with
-    no stress ("stress": a thin sheet); `thickness` is its extent across [m].
+    A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. Its cells are even, or get shorter towards
+    the faces that they are `graded` to (mesh/shapes/boxes.py), clamped ones, at whose edges strain has no limit. `order` 2 has
+    quadratic displacements, in tetrahedra of 10 and hexahedra of 27 nodes (not for prisms, and of plane cells for modes only); cells
+    of second order in a file then keep their curved sides. A plane body deforms in its plane, either with no strain across it (plane
+    = "strain", the default: a slice of a long body) or with no stress ("stress": a thin sheet); `thickness` is its extent across [m].
 
     `element` is how cells are sampled (body/element.py): "reduced" lets the first-order prisms of a beam bend as they should,
     "mean-dilatation" frees prisms, hexahedra and tetrahedra of order 2 of locking near a Poisson ratio of 1/2.
@@ -51,6 +51,7 @@ class Body:
     length, width, height: along x, y and z; a channel's length and height are along x and y
     cells: how many along the axes
     cell_size: their edges, about
+    graded: faces towards which cells get shorter
     cell: their kind
     order: of the displacement in a cell
     element: how cells are sampled
@@ -71,6 +72,7 @@ class Body:
     height: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     cells: tuple[int, ...] | None = quantity(None, at_least=1, at_most=10_000)
     cell_size: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
+    graded: tuple[str, ...] | None = quantity(None, choice=PLACES)
     cell: str = quantity("prism", choice=SOLID_CELLS + PLANE_CELLS)
     order: int = quantity(1, at_least=1, at_most=2)
     element: str = quantity("standard", choice=("standard", "mean-dilatation", "reduced"))

@@ -60,7 +60,7 @@ def _with_moduli(material: Any, key: str) -> Any:
 def chosen_keys(body: Any) -> tuple[str, ...]:
     """The keys of a body's table that an error asked for decides, how fine its mesh is. A plane body's cell stays its own."""
     plane = isinstance(body, dict) and body.get("cell") in PLANE_CELLS
-    return ("cells", "cell_size", "layers", "order", "element", *(() if plane else ("cell",)))
+    return ("cells", "cell_size", "graded", "layers", "order", "element", *(() if plane else ("cell",)))
 
 
 def check_error(steps: Steps, body: Body, given: dict[str, Any]) -> None:
@@ -129,6 +129,8 @@ def check_body(body: Body, given: dict[str, Any], *, chosen: bool = False) -> No
                          f"{body.cell!r}; leave it out")
     if body.element == "reduced" and body.order == 2:
         raise InputError("body.element = \"reduced\": for cells of first order only; leave it or order = 2 out")
+    if body.graded is not None and (wrong := set(body.graded) - set(body.places or ())):
+        raise InputError(f"body.graded: {kind} has no {wrong.pop()}, but {', '.join(body.places or ())}")
     if body.shape == "panel":
         _check_panel(body, chosen=chosen)
     if chosen:

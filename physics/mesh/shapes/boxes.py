@@ -1,4 +1,13 @@
-"""Meshes of boxes and rectangles, of any cell, with their faces as places. Legend: N nodes, C cells."""
+"""Meshes of boxes and rectangles, of any cell, with their faces as places.
+
+Cells are even, or graded to some faces: the k-th of n cells from such a face ends at
+
+    x = L (k / n)^p,    p = 3/2          of two opposite faces each at its half of the side L
+
+so that the first of 16 cells is a quarter of the mean and the last 1.5 times as long. Where strain grows like r^(l - 1) at distance r from
+a clamped edge such meshes bring back the order of convergence that even ones lose (Babuska, Kellogg and Pitkaranta, Numer. Math. 33, 1979).
+Legend: N nodes, C cells.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +15,8 @@ import numpy as np
 
 from physics.mesh.mesh import Floats, Integers, Mesh
 from physics.scene import PLACES, Body
+
+GRADING = 1.5  # p
 
 
 def box(body: Body) -> Mesh:
@@ -16,9 +27,9 @@ def box(body: Body) -> Mesh:
     three.
     """
     turn = 1 if body.shape == "plate" else 0  # how often the axes (x, y, z) go round to bring the layers' normal first
-    extent, divisions = np.roll(body.extent, turn), np.roll(body.divisions, turn)
-    nx, ny, nz = (int(n) for n in divisions)
-    x, y, z = (np.linspace(0.0, side, n + 1) for side, n in zip(extent, (nx, ny, nz), strict=True))
+    nx, ny, nz = (int(n) for n in np.roll(body.divisions, turn))
+    lines = _lines(body)
+    x, y, z = lines[-turn:] + lines[:-turn]
     points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
 
     a, b, c, d = _squares(ny, nz)
@@ -39,11 +50,28 @@ def box(body: Body) -> Mesh:
 def rectangle(body: Body) -> Mesh:
     """A plane rectangle of triangles, their diagonals alternating, or of quadrilaterals."""
     nx, ny = body.divisions
-    x, y = (np.linspace(0.0, side, n + 1) for side, n in zip(body.extent[:2], (nx, ny), strict=True))
+    x, y = _lines(body)
     points = np.stack(np.meshgrid(x, y, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
     corners = _squares(nx, ny)
     cells = np.stack(corners, axis=1) if body.cell == "quadrilateral" else _halves(*corners, nx, ny)
     return Mesh(points, cells.astype(np.int64), body.cell, faces(points, body.extent))
+
+
+def _lines(body: Body) -> list[Floats]:
+    """Where the cells of a box end along each axis."""
+    even = (np.linspace(0.0, side, n + 1) for side, n in zip(body.extent, body.divisions, strict=False))
+    if not body.graded:
+        return list(even)
+    return [side * _graded(ends / side, body.graded, axis)
+            for axis, (ends, side) in enumerate(zip(even, body.extent, strict=False))]
+
+
+def _graded(shares: Floats, to: tuple[str, ...], axis: int) -> Floats:
+    """Shares of a side, 0 to 1, closer together towards the faces that they are graded to."""
+    low, high = (face in to for face in PLACES[2 * axis:2 * axis + 2])
+    if low and high:
+        return np.where(shares < 0.5, (2 * shares) ** GRADING / 2, 1 - (2 - 2 * shares) ** GRADING / 2)
+    return shares**GRADING if low else 1 - (1 - shares) ** GRADING if high else shares
 
 
 def faces(points: Floats, extent: tuple[float, float, float]) -> dict[str, Integers]:

@@ -2,12 +2,15 @@
 
 Nodes of the boundary are set first, spaced by `cell_size`; those inside begin on a lattice of equilateral triangles, away from the
 boundary, and then move to the middle of their neighbours in Delaunay's triangulation, again and again. There is nothing random in it.
-Each layer of prisms stands on the one below, and a prism is cut into three tetrahedra (boxes.py).
+Each layer of prisms stands on the one below, and a prism is cut into three tetrahedra (boxes.py). Of second order the sides of these on
+a hole are curved, their middles as far from its axis as their ends, unless that turned a cell over.
 
     places: z-min and z-max, edge-1, edge-2, ... of the outline as it is given, hole-1, hole-2, ...
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import Delaunay
@@ -15,6 +18,7 @@ from scipy.spatial import Delaunay
 from physics.mesh.mesh import Floats, Integers, Mesh
 from physics.mesh.shapes.boxes import tetrahedra
 from physics.mesh.shapes.graded import quality
+from physics.mesh.sound.curved import complete, smallest_jacobian
 from physics.scene import Body
 from physics.schema import InputError
 
@@ -51,8 +55,27 @@ def panel(body: Body) -> Mesh:
     if _area(np.array(body.outline)) < 0:  # edge-1 is the one from the first point given to the second
         edges = [edges[(len(outline) - 2 - k) % len(outline)] for k in range(len(outline))]
     rims = [np.arange(starts[k], starts[k + 1]) for k in range(len(outline), len(rings))]
-    return _layers(points, cells, body, {f"edge-{k + 1}": nodes for k, nodes in enumerate(edges)} |
+    mesh = _layers(points, cells, body, {f"edge-{k + 1}": nodes for k, nodes in enumerate(edges)} |
                    {f"hole-{k + 1}": nodes for k, nodes in enumerate(rims)})
+    return _rounded(mesh, holes, rims, len(points)) if rims and body.order == 2 else mesh
+
+
+def _rounded(mesh: Mesh, holes: Floats, rims: list[Integers], n: int) -> Mesh:
+    """The panel with the middles of its curved cells of second order, from the nodes around each hole among the n of a layer."""
+    edges = mesh.edges
+    middles = mesh.points[edges].mean(axis=1)
+    for (*axis, radius), rim in zip(holes, rims, strict=True):
+        along = np.full(n, -len(mesh.points))
+        along[rim] = np.arange(len(rim))
+        a, b = along[edges % n].T
+        beside = (np.minimum(a, b) >= 0) & np.isin((a - b) % len(rim), (1, len(rim) - 1))
+        away = middles[beside, :2] - axis
+        middles[beside, :2] = axis + radius * away / np.hypot(*away.T)[:, None]
+    found = complete(mesh.points, mesh.cells, mesh.cell, {2: (edges, middles)})
+    if smallest_jacobian(mesh.points, mesh.cells, mesh.cell, found).min() <= 0:
+        return replace(mesh, remarks=(*mesh.remarks, "the sides of cells on holes are left straight: curved ones would turn cells over; "
+                                                     "take a smaller cell_size"))
+    return replace(mesh, middles=found)
 
 
 def _layers(points: Floats, cells: Integers, body: Body, rims: dict[str, Integers]) -> Mesh:
