@@ -231,7 +231,9 @@ def _upright(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -
 def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
     """The fields of a trajectory, as they stand in the module's docstring. Raises `InputError` for cells that cannot be cut."""
     body = trajectory.mesh.cells
-    if cells == "tetrahedra" and body.shape[1] == 6:
+    if cells == "tetrahedra" and trajectory.mesh.dimension == 2:
+        body, = trajectory.mesh.surface  # cells of second order in four
+    elif cells == "tetrahedra" and body.shape[1] == 6:
         body = tetrahedra(body)
     elif cells == "tetrahedra" and body.shape[1] == 10:
         body = cut_into_eight(body)

@@ -106,7 +106,7 @@ class Climb:
         grown = math.prod((n / n0) ** span for n, n0, span in zip(sizes, self.sizes, self.family.spans, strict=True))
         if self.ladder:
             return self.pilot.nodes * grown
-        return grown * sum(self.family.order ** 3 * pilot.nodes for _, pilot in self.pilots.solved(1)[:1])
+        return grown * sum(self.family.order ** sum(self.family.spans) * pilot.nodes for _, pilot in self.pilots.solved(1)[:1])
 
     def outlook(self, before: float = 0.0) -> float:
         """What the whole scene will cost on the mesh that keeps the error, and what it takes to get there.

@@ -1,8 +1,8 @@
 """Which meshes may a body have, from coarse to fine, and at which points are they compared?
 
 A beam or plate is cut into hexahedra, of first order (with one dilatation a cell) or of second, with numbers along x, y and z that grow
-by themselves; a plane plate into its cells. A panel has numbers in its plane and of its layers, in tetrahedra. A file's own mesh is
-taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body share: the
+by themselves; a plane plate into its cells, of either order. A panel has numbers in its plane and of its layers, in tetrahedra. A file's
+own mesh is taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body share: the
 middles of a regular grid in a box, else those of the cells of the coarsest mesh.
 
 Legend: M points.
@@ -97,11 +97,11 @@ class MeshFamily:
         if body.shape == "panel":
             body = replace(body, cell="tetrahedron", cell_size=max(body.extent) / sizes[0], layers=sizes[1], order=self.order)
         elif len(sizes) == 2:
-            body = replace(body, cells=sizes)
+            body = replace(body, cells=sizes, order=self.order)
         else:
             body = replace(body, cells=sizes, cell="hexahedron", order=self.order)
         free = body.cell == "hexahedron" and self.order == 1
-        if free or (body.order == 2 and ratio >= STIFF):
+        if free or (body.cell not in PLANE_CELLS and body.order == 2 and ratio >= STIFF):
             body = replace(body, element="mean-dilatation")
         return replace(self.scene, body=body, steps=steps)
 
@@ -124,8 +124,7 @@ def families(scene: Scene) -> list[MeshFamily]:
     body = scene.body
     if body.shape == "file":
         first = MeshFamily(scene, 1, (1,), ("the file's cells",))
-        solid = first.own.dimension == 3 and first.own.cell in SECOND
-        return [replace(first, order=2), first] if solid else [first]
+        return [replace(first, order=2), first] if first.own.cell in SECOND else [first]
     extent, longest = [side for side in body.extent if side], max(body.extent)
     width = min((Rigid(obstacle).width for obstacle in scene.obstacles), default=math.inf)
     width *= 1 if any(obstacle.contact == "nodes" for obstacle in scene.obstacles) else 2
@@ -140,7 +139,7 @@ def families(scene: Scene) -> list[MeshFamily]:
         return [MeshFamily(scene, order, (n, max(order_layers, math.ceil(extent[2] / size))), ("in the plane", "layers"))
                 for order, order_layers in ((2, 1), (1, 2))]
     if body.cell in PLANE_CELLS:
-        return [MeshFamily(scene, 1, base(2), ("x", "y"))]
+        return [MeshFamily(scene, order, base(least), ("x", "y")) for order, least in ((2, 1), (1, 2))]
     return [MeshFamily(scene, order, base(least), ("x", "y", "z")) for order, least in ((2, 1), (1, 2))]
 
 

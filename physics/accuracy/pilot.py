@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 POSES = 4  # and two for each leg of a path or row of a table
 HALF = 0.6  # of the last displacement: the other pose on a path that goes one way
-EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "triangle": 6}  # cells of even boxes among which one holds a point
+EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "quadrilateral9": 1, "triangle": 6, "triangle6": 6}  # cells of even boxes among which one holds a point
 FEW = 4  # nearest cells among which one mostly holds a point
 HALVED = 3  # times the way between two poses under an obstacle may be, where another mesh's answer leads nowhere
 POWER, IDLE = 1.3, 300  # a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows
