@@ -93,8 +93,8 @@ def test_names_and_numbers_are_those_of_meshio(name):
     assert OF_VTK.get(cell.vtk) is (cell if cell.dimension > 1 else None)
 
 
-SECOND_ORDER = {"line3": vtkQuadraticEdge, "triangle6": vtkQuadraticTriangle, "quadrilateral9": vtkBiQuadraticQuad, "tetrahedron10": vtkQuadraticTetra,
-                "hexahedron27": vtkTriQuadraticHexahedron}
+SECOND_ORDER = {"line3": vtkQuadraticEdge, "triangle6": vtkQuadraticTriangle, "quadrilateral9": vtkBiQuadraticQuad,
+                "tetrahedron10": vtkQuadraticTetra, "hexahedron27": vtkTriQuadraticHexahedron}
 
 
 @pytest.mark.parametrize("name", SECOND_ORDER)

@@ -30,7 +30,8 @@ GRADIENT = np.array([[0.1, 0.05, 0.0], [0.02, -0.04, 0.0], [0.0, 0.0, 0.0]])
 
 def sheet(cell, law="neo-hookean", plane="strain", curved=True, size=1.0):
     """A sheet whose inner nodes, middles among them, are moved by up to a tenth of a cell, its elasticity, and its outer nodes."""
-    mesh = build_mesh(Body(shape="plate", length=0.3 * size, width=0.2 * size, cells=(3, 2), cell=cell, order=2, plane=plane, thickness=0.05))
+    mesh = build_mesh(Body(shape="plate", length=0.3 * size, width=0.2 * size, cells=(3, 2), cell=cell, order=2, plane=plane,
+                           thickness=0.05))
     outer = np.zeros(len(mesh.points), bool)
     outer[np.concatenate(list(mesh.places.values()))] = True
     if curved:
@@ -45,7 +46,7 @@ def sheet(cell, law="neo-hookean", plane="strain", curved=True, size=1.0):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("cell", PLANE)
 def test_uniform_strain_is_exact_on_curved_cells(cell, law, plane):
-    """The rules integrate gradients over curved cells exactly: a triangle's rule of degree 2 would leave no more, its corners alone would."""
+    """The rules integrate gradients over curved cells exactly, and stress at the nodes is that of every point."""
     mesh, elasticity, outer = sheet(cell, law, plane)
     u = mesh.points @ GRADIENT.T
     force = elasticity.force(u)

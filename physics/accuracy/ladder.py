@@ -79,6 +79,11 @@ class MeshFamily:
         return n + n % 2 if self.order == 2 and self.body.cell == "triangle" else n
 
     @property
+    def dimension(self) -> int:
+        """3 for a solid body, 2 for a plane one."""
+        return sum(self.spans)
+
+    @property
     def spans(self) -> Sizes:
         """How many directions of the body each number counts cells along."""
         return (self.own.dimension,) if self.body.shape == "file" else (2, 1) if self.body.shape == "panel" else (1,) * len(self.base)
