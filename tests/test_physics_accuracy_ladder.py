@@ -88,6 +88,10 @@ def test_a_plane_file_is_taken_at_both_orders_and_is_asked_for_its_error(tmp_pat
     made = [one.rung(sizes) for one, sizes in ((second, (1,)), (second, (2,)), (first, (2,)))]
     assert [(mesh.cell, len(mesh.cells)) for _, mesh in made] == [("triangle6", 24), ("triangle6", 96), ("triangle", 96)]
     assert all(scene.body.element == "standard" for scene, _ in made)
+    for _, mesh in made:  # the sides stay curved, and finer corners of first order lie on them
+        rim = np.unique(np.concatenate([facets.ravel() for facets in mesh.boundary]))
+        radius = np.linalg.norm(mesh.points[rim], axis=1)[abs(mesh.points[rim, 1]) > 1e-9]
+        assert np.minimum(abs(radius - 0.5), abs(radius - 1)).max() < 2e-3
     choice = choose(scene)
     assert choice.climb.reached and choice.climb.family.order == 2 and choice.mesh.cell == "triangle6"
     truth = choice.pilots(second, (8,)).values

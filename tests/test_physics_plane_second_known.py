@@ -14,6 +14,7 @@ from datagen.files.solved import solved_on
 from datagen.files.trajectory import read_sound, write_trajectory
 from datagen.sets.check import against_scene
 from datagen.sets.generate import trajectory_of
+from physics import journal
 from physics.body.lumped import node_masses
 from physics.body.material import lame
 from physics.body.stress import nodal_stress
@@ -290,3 +291,18 @@ def test_a_file_whose_middles_turn_a_cell_over_is_refused(tmp_path):
     found.write(tmp_path / "ring.vtu")
     with pytest.raises(InputError, match="curved cells are inside out somewhere"):
         build_mesh(Body(shape="file", path=str(tmp_path / "ring.vtu"), order=2))
+
+
+def test_a_path_that_was_interrupted_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    monkeypatch.setattr(journal, "EVERY", 0.0)
+    scene = plate("triangle", cells=(6, 2), length=0.06, width=0.02, thickness=0.02, steps={"count": 6},
+                  obstacle={"shape": "cylinder", "axis": [0, 0, 1], "radius": 0.01, "path": [[0.05, 0.0301, 0], [0.05, 0.0261, 0]]})
+
+    def stop(step):
+        if step == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        solve(scene, journal=tmp_path / "part", on_step=stop)
+    again = solve(scene, journal=tmp_path / "part")
+    assert again.resumed == 4 and np.array_equal(again.displacement, solve(scene).displacement)

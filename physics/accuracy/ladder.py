@@ -28,6 +28,7 @@ from physics.mesh.build import across, build_mesh, of_order
 from physics.mesh.cell import CELLS, SECOND
 from physics.mesh.mesh import Mesh
 from physics.mesh.refine import halved
+from physics.mesh.second import corners_only, is_curved
 from physics.scene import PLANE_CELLS, Body, Scene
 
 Floats = NDArray[np.float64]
@@ -59,8 +60,14 @@ class MeshFamily:
 
     @cached_property
     def own(self) -> Mesh:
-        """Of a file: the mesh in it, of its own order."""
+        """Of a file: the mesh in it, of first order."""
         return build_mesh(replace(self.body, order=1))
+
+    @cached_property
+    def curved(self) -> Mesh | None:
+        """Of a file with curved sides: the mesh in it, of second order, so that finer ones of any order have their corners on them."""
+        mesh = build_mesh(replace(self.body, order=2)) if self.own.cell in SECOND else self.own
+        return mesh if is_curved(mesh) else None
 
     def after(self, sizes: Sizes, axis: int) -> Sizes:
         """The next finer mesh along an axis; a file's cells are halved."""
@@ -93,9 +100,11 @@ class MeshFamily:
         scene = self.scene_with(sizes)
         if self.body.shape != "file":
             return scene, build_mesh(scene.body)
-        mesh = self.own
+        mesh = self.curved or self.own
         for _ in range(round(math.log2(sizes[0]))):
             mesh = halved(mesh)
+        if self.order == 1 and CELLS[mesh.cell].middles:
+            mesh = corners_only(mesh)
         return scene, across(of_order(mesh, scene.body), scene.body)
 
     def scene_with(self, sizes: Sizes) -> Scene:
