@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from physics.accuracy.choose import choose
+from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
 from physics.accuracy.ladder import families, points_of
 from physics.mesh.files import write_mesh
@@ -93,6 +94,8 @@ def test_a_plane_file_is_taken_at_both_orders_and_is_asked_for_its_error(tmp_pat
         radius = np.linalg.norm(mesh.points[rim], axis=1)[abs(mesh.points[rim, 1]) > 1e-9]
         assert np.minimum(abs(radius - 0.5), abs(radius - 1)).max() < 2e-3
     choice = choose(scene)
+    coarse = first.rung((1,))[1]  # before it is begun second order counts as four times the nodes
+    assert Climb(second, choice.pilots, 0.01, 10**4, (1,)).nodes((2,)) == 16 * len(coarse.points)
     assert choice.climb.reached and choice.climb.family.order == 2 and choice.mesh.cell == "triangle6"
     truth = choice.pilots(second, (8,)).values
     assert distance(choice.pilot.values, truth, choice.pilots.weights) < 0.01
