@@ -106,8 +106,8 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
 
     J is the Jacobian of the isoparametric map, X = points (N, 3) the rest positions, x = X + displacement (..., N, 3) [m]. Plane
     cells are looked at from z: J is that of x and y.
-    The quadrature points are those of degree 2; of cells of second order, where all nodes count, those of degree 3 in a tetrahedron and
-    5 in a hexahedron: in a hexahedron 2 x 2 x 2 Gauss points, in a prism the heights of the two
+    The quadrature points are those of degree 2; of cells of second order, where all nodes count, those of degree 3 in a tetrahedron,
+    4 in a triangle and 5 in the others: in a hexahedron of first order 2 x 2 x 2 Gauss points, in a prism the heights of the two
     Gauss points at the triangle's vertices (det J is linear across the triangle, so this bounds all points at that height).
     """
     x = np.asarray(points, np.float64) + np.asarray(displacement, np.float64)

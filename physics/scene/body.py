@@ -39,10 +39,9 @@ class Body:
         0.001 for a file in millimetres.
 
     A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. `order` 2 has quadratic
-    displacements, in tetrahedra of 10 and hexahedra of 27 nodes (not for prisms, and of plane cells for modes only); cells of second
-    order in a file then keep their curved sides. A plane
-    body deforms in its plane, either with no strain across it (plane = "strain", the default: a slice of a long body) or with
-    no stress ("stress": a thin sheet); `thickness` is its extent across [m].
+    displacements, in tetrahedra of 10, hexahedra of 27, triangles of 6 and quadrilaterals of 9 nodes (not for prisms); cells of second
+    order in a file then keep their curved sides. A plane body deforms in its plane, either with no strain across it (plane = "strain",
+    the default: a slice of a long body) or with no stress ("stress": a thin sheet); `thickness` is its extent across [m].
 
     `element` is how cells are sampled (body/element.py): "reduced" lets the first-order prisms of a beam bend as they should,
     "mean-dilatation" frees prisms, hexahedra and tetrahedra of order 2 of locking near a Poisson ratio of 1/2.
