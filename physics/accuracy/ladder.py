@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -47,27 +46,18 @@ class MeshFamily:
     """Meshes of one body with cells of one order.
 
     base: the coarsest; axes: what its numbers count
+    own: of a file the mesh in it, of second order if its sides are curved, so that finer ones of any order have their corners on them
     """
 
     scene: Scene
     order: int
     base: Sizes
     axes: tuple[str, ...]
+    own: Mesh | None = field(default=None, compare=False)
 
     @property
     def body(self) -> Body:
         return self.scene.body
-
-    @cached_property
-    def own(self) -> Mesh:
-        """Of a file: the mesh in it, of first order."""
-        return build_mesh(replace(self.body, order=1))
-
-    @cached_property
-    def curved(self) -> Mesh | None:
-        """Of a file with curved sides: the mesh in it, of second order, so that finer ones of any order have their corners on them."""
-        mesh = build_mesh(replace(self.body, order=2)) if self.own.cell in SECOND else self.own
-        return mesh if is_curved(mesh) else None
 
     def after(self, sizes: Sizes, axis: int) -> Sizes:
         """The next finer mesh along an axis; a file's cells are halved."""
@@ -93,14 +83,14 @@ class MeshFamily:
     @property
     def spans(self) -> Sizes:
         """How many directions of the body each number counts cells along."""
-        return (self.own.dimension,) if self.body.shape == "file" else (2, 1) if self.body.shape == "panel" else (1,) * len(self.base)
+        return (self.own.dimension,) if self.own is not None else (2, 1) if self.body.shape == "panel" else (1,) * len(self.base)
 
     def rung(self, sizes: Sizes) -> tuple[Scene, Mesh]:
         """The scene with the mesh of these numbers, and the mesh."""
         scene = self.scene_with(sizes)
-        if self.body.shape != "file":
+        mesh = self.own
+        if mesh is None:
             return scene, build_mesh(scene.body)
-        mesh = self.curved or self.own
         for _ in range(round(math.log2(sizes[0]))):
             mesh = halved(mesh)
         if self.order == 1 and CELLS[mesh.cell].middles:
@@ -111,8 +101,8 @@ class MeshFamily:
         """The scene with the mesh of these numbers, in the keys of its body as far as they can say it."""
         body, steps = self.body, replace(self.scene.steps, error=None, quantity=None)
         ratio = max(material.poisson_ratio for material in self.scene.materials)
-        if body.shape == "file":
-            solid = self.own.dimension == 3 and (self.own.cell != "tetrahedron" or self.order == 2)
+        if self.own is not None:
+            solid = self.dimension == 3 and (self.own.cell not in ("tetrahedron", "tetrahedron10") or self.order == 2)
             body = replace(body, order=self.order, element="mean-dilatation" if solid and ratio >= STIFF else "standard")
             return replace(self.scene, body=body, steps=steps)
         if body.shape == "panel":
@@ -144,8 +134,12 @@ def families(scene: Scene) -> list[MeshFamily]:
     """The ways to mesh a body, that of second order first. Raises `InputError` when a file is not sound."""
     body = scene.body
     if body.shape == "file":
-        first = MeshFamily(scene, 1, (1,), ("the file's cells",))
-        return [replace(first, order=2), first] if first.own.cell in SECOND else [first]
+        mesh = build_mesh(replace(body, order=1))
+        second = mesh.cell in SECOND
+        if second and is_curved(curved := build_mesh(replace(body, order=2))):
+            mesh = curved
+        first = MeshFamily(scene, 1, (1,), ("the file's cells",), mesh)
+        return [replace(first, order=2), first] if second else [first]
     extent, longest = [side for side in body.extent if side], max(body.extent)
     width = min((Rigid(obstacle).width for obstacle in scene.obstacles), default=math.inf)
     width *= 1 if any(obstacle.contact == "nodes" for obstacle in scene.obstacles) else 2
