@@ -46,7 +46,6 @@ TRIANGLE = ((1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3))  # three points, eac
 HEXAHEDRON = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))  # its corners' coordinates
 _SIMPLEX = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
 CORNERS: dict[str, Floats] = {  # (n, 3) of each kind
-    "line": np.array(_SIMPLEX[:2], float),
     "triangle": np.array(_SIMPLEX[:3], float), "quadrilateral": np.array(HEXAHEDRON[:4], float),
     "tetrahedron": np.array(_SIMPLEX, float), "hexahedron": np.array(HEXAHEDRON, float),
     "prism": np.array([(r, s, t) for t in (0, 1) for r, s, _ in _SIMPLEX[:3]], float)}
@@ -197,7 +196,8 @@ def _second(name: str, plural: str, vtk: int, meshio: str, middles: Corners, poi
     around = [(*facet, *(at[frozenset(pair)] for pair in rim), *(at[frozenset(facet)] for _ in range(len(facet) == 4)))
               for facet, rim in rims]
     simplex = first.name in ("triangle", "tetrahedron")
-    places = np.array([CORNERS[first.name][list(of)].mean(axis=0) for of in (*((i,) for i in range(first.corners)), *middles)])
+    corners = CORNERS.get(first.name, np.array(_SIMPLEX[:2], float))  # or those of a line
+    places = np.array([corners[list(of)].mean(axis=0) for of in (*((i,) for i in range(first.corners)), *middles)])
     return Cell(name, plural, first.dimension, first.corners, vtk, meshio, tuple(edges), tuple(around),
                 shape_functions=partial(_simplex, middles) if simplex else partial(_tensor, places[:, :first.dimension]),
                 points=points, weights=weights, first=first.name, middles=middles, places=places)

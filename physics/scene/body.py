@@ -51,7 +51,7 @@ class Body:
     cells: how many along the axes
     cell_size: their edges, about
     cell: their kind
-    order: of the displacement in a cell
+    order: of the displacement in a cell; of prisms 1
     element: how cells are sampled
     outline: of a panel, points (x, y)
     holes: of a panel, each (x, y, radius)
