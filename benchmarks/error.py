@@ -5,7 +5,7 @@
 
 Scenes (`draw`) are thick and thin beams, plates, plane sheets and panels with holes, of all laws, under all kinds of obstacles, forces,
 weights and supports that move, in 400 steps, as a scene has that does not say. "True" is the error at four steps against a reference:
-cells of second order (of a sheet: its own), with numbers of cells along each direction of up to twice those that the smallest error came
+cells of second order, with numbers of cells along each direction of up to twice those that the smallest error came
 to, as far as LARGEST allows, and of 3/4 and 1/2 of that; it is what the two finer are extrapolated to by the order that all three show,
 and "of the reference" is how far that is from what the two coarser are extrapolated to. A scene that takes longer than --limit, or has
 no equilibrium, has one row that says so. The last rows are of the answers whose reference is ten times as good as what is asked.
@@ -130,7 +130,7 @@ def reference(scene, choice, solution):
     family = max(families(scene), key=lambda one: one.order)
     second = 0.6 if climb.family.order < family.order else 1.0
     for finer in FINER:
-        parts = [math.ceil(finer * second * cells / CELLS[-1]) for cells in climb.sizes]
+        parts = [family.whole(math.ceil(finer * second * cells / CELLS[-1])) for cells in climb.sizes]
         if len(family.rung(tuple(CELLS[-1] * part for part in parts))[1].points) <= LARGEST:
             break
     near, found = Pilot(solution.mesh, np.zeros(0), solution.displacement[frames], 0.0), []

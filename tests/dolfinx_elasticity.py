@@ -49,10 +49,13 @@ class DolfinxElasticity(Elasticity):
         self._u = dolfinx_fem.Function(self.space.V)
         v, w = ufl.TestFunction(self.space.V), ufl.TrialFunction(self.space.V)
         lmbda, mu = (self.space.constant(value) for value in lame(self.material))
-        points, weights = CELLS[self.mesh.cell].points, CELLS[self.mesh.cell].weights
+        d = self.mesh.dimension
+        points, weights = CELLS[self.mesh.cell].points[:, :d], CELLS[self.mesh.cell].weights
         logging.getLogger("UFL").setLevel(logging.ERROR)  # it is not sure that arrays can be metadata; FFCx reads them there
         rule = {"quadrature_degree": 2, "quadrature_rule": "custom", "quadrature_points": points, "quadrature_weights": weights}
-        W = energy_density(self.material.law, ufl.Identity(3) + ufl.grad(self._u), lmbda, mu) * ufl.dx(metadata=rule)
+        slope = ufl.grad(self._u)  # of a plane body, in plane strain, without a column for z
+        slope = ufl.as_tensor([[slope[i, j] if j < d else 0.0 for j in range(3)] for i in range(3)])
+        W = energy_density(self.material.law, ufl.Identity(3) + slope, lmbda, mu) * ufl.dx(metadata=rule)
         force = ufl.derivative(W, self._u, v)
         self._forms = [fem.compile_form(form) for form in (W, force, ufl.derivative(force, self._u, w))]
         self._conditions, self._tangent = conditions(self.space, self.fixed), dolfinx_petsc.create_matrix(self._forms[2])

@@ -291,11 +291,19 @@ def test_a_trajectory_is_viewed_as_a_page_too(capsys, tmp_path):
         assert table.count("<td>31.48</td>") == 1 and table.count("<td>") == 2 + stress
 
 
-def test_simulate_refuses_plane_cells_of_second_order_in_one_line(capsys, tmp_path):
-    (tmp_path / "s.toml").write_text(beam(body={"shape": "plate", "length": 0.1, "width": 0.02, "cells": [2, 2], "cell": "triangle",
-                                                "order": 2}).to_toml())
-    status, _, err = called(capsys, "simulate", tmp_path / "s.toml", "--out", tmp_path / "t.vtkhdf")
-    assert status == 2 and "body.order = 2: triangles are solved at first order only" in err and not (tmp_path / "t.vtkhdf").exists()
+def test_plane_cells_of_second_order_are_solved_viewed_verified_and_have_modes_where_they_are_loaded(capsys, tmp_path):
+    scene, out = tmp_path / "s.toml", tmp_path / "t.vtkhdf"
+    scene.write_text(beam(body={"shape": "plate", "length": 0.1, "width": 0.02, "cells": [4, 2], "cell": "triangle", "order": 2},
+                          load=[{"where": "x-max", "traction": [0.0, 100.0, 0.0]}], steps={"count": 2}).to_toml())
+    assert called(capsys, "simulate", scene, "--out", out)[0] == 0
+    assert "triangles, of second order" in read_trajectory(out).extra["model"]["material"]
+    assert called(capsys, "view", out, "--out", tmp_path / "t.html")[0] == 0
+    status, table, _ = called(capsys, "verify", out, "--reference", out, "--json")
+    assert status == 0 and json.loads(table)["relative_residual"] < 1e-5  # without the remainder 1e-4 and more
+    status, table, _ = called(capsys, "modes", scene, "--at", f"{out}:2", "--count", "2", "--json")
+    assert status == 0 and len(json.loads(table)["frequencies_hz"]) == 2
+    status, _, err = called(capsys, "pareto", scene, "--out", tmp_path / "report")
+    assert status == 2 and "the comparison takes quasi-static scenes of first-order cells" in err
 
 
 # the other verbs

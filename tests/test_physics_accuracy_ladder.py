@@ -3,12 +3,16 @@
 import numpy as np
 import pytest
 
+from physics.accuracy.choose import choose
+from physics.accuracy.climb import Climb
+from physics.accuracy.estimate import distance
 from physics.accuracy.ladder import families, points_of
 from physics.mesh.files import write_mesh
 from physics.mesh.quality import cell_volumes
 from physics.mesh.shapes.boxes import box
 from physics.scene import Body
 from tests.scenes import beam, pressed
+from tests.test_physics_mesh_curved import half_ring
 
 SIDES = {"length": 0.06, "width": 0.02, "height": 0.01}
 ASKED = {"count": 2, "error": 0.05}
@@ -64,10 +68,19 @@ def test_boxes_are_graded_to_faces_that_are_clamped_and_to_none_under_an_obstacl
 
 def test_a_plane_plate_keeps_its_cells_and_a_panel_has_tetrahedra():
     plane = beam(body={"shape": "plate", "length": 0.06, "width": 0.02, "cell": "triangle"}, steps=ASKED)
-    (only,) = families(plane)
-    assert (only.order, only.base, only.axes, only.said((6, 2))) == (1, (6, 2), ("x", "y"), "6 x 2 triangles, first order, graded to x-min")
-    scene, mesh = only.rung((6, 2))
-    assert mesh.cell == "triangle" and scene.body.element == "standard" and scene.body.cells == (6, 2)
+    second, first = families(plane)
+    assert (first.order, first.base, first.axes, first.said((6, 2))) == (
+        1, (6, 2), ("x", "y"), "6 x 2 triangles, first order, graded to x-min")
+    assert (second.order, second.base, second.said((6, 2)), second.dimension) == (
+        2, (6, 2), "6 x 2 triangles, second order, graded to x-min", 2)
+    assert [one.rung((6, 2))[1].cell for one in (second, first)] == ["triangle6", "triangle"]
+    scene, mesh = first.rung((6, 2))
+    assert scene.body.element == "standard" and scene.body.cells == (6, 2) and scene.body.order == 1
+    thin = beam(body={"shape": "plate", "length": 0.06, "width": 0.004, "cell": "quadrilateral"}, steps=ASKED,
+                material={"young_modulus": 1e6, "poisson_ratio": 0.49})
+    assert [(one.base, one.highest) for one in families(thin)] == [((6, 1), 4.0), ((6, 2), 2.0)]
+    scene, mesh = families(thin)[0].rung((7, 1))  # plane cells are of standard sampling at any Poisson's ratio
+    assert mesh.cell == "quadrilateral9" and scene.body.element == "standard" and len(mesh.points) == 15 * 3
     panel = beam(body={"shape": "panel", "height": 0.01, "outline": [[0, 0], [0.06, 0], [0.06, 0.05], [0, 0.05]],
                        "holes": [[0.03, 0.025, 0.004]]}, support=[{"where": "edge-4"}], steps=ASKED)
     second, first = families(panel)  # six cells along 60 mm would be as large as the hole, so there are eight
@@ -75,6 +88,34 @@ def test_a_plane_plate_keeps_its_cells_and_a_panel_has_tetrahedra():
     scene, mesh = second.rung((12, 1))
     assert mesh.cell == "tetrahedron10" and scene.body.cell_size == 0.005 and scene.body.layers == 1
     assert first.said((12, 2)) == "12 x 2 tetrahedra, first order" and first.rung((12, 2))[0].body.element == "standard"
+
+
+def test_triangles_of_second_order_come_in_even_numbers():
+    second, first = families(beam(body={"shape": "plate", "length": 0.06, "width": 0.02, "cell": "triangle"}, steps=ASKED))
+    assert [second.after((6, 2), axis) for axis in (0, 1)] == [(10, 2), (6, 4)] and second.finer((6, 2), (1.1, 2.4)) == (8, 6)
+    assert [first.after((6, 2), axis) for axis in (0, 1)] == [(9, 2), (6, 3)] and first.finer((6, 2), (1.1, 2.4)) == (7, 5)
+
+
+def test_a_plane_file_is_taken_at_both_orders_and_is_asked_for_its_error(tmp_path):
+    half_ring("triangle", tmp_path / "ring.vtu", along=6, across=2)
+    scene = beam(body={"shape": "file", "path": str(tmp_path / "ring.vtu")}, material={"young_modulus": 1e6, "poisson_ratio": 0.49},
+                 support=[{"where": {"plane": [0, 0, 0], "normal": [0, 1, 0], "within": 1e-6}}],
+                 load=[{"acceleration": [0, -9.81, 0]}], steps={"count": 2, "error": 0.01})
+    second, first = families(scene)
+    assert (second.order, first.order, second.dimension, second.spans) == (2, 1, 2, (2,))
+    made = [one.rung(sizes) for one, sizes in ((second, (1,)), (second, (2,)), (first, (2,)))]
+    assert [(mesh.cell, len(mesh.cells)) for _, mesh in made] == [("triangle6", 24), ("triangle6", 96), ("triangle", 96)]
+    assert all(scene.body.element == "standard" for scene, _ in made)
+    for _, mesh in made:  # the sides stay curved, and finer corners of first order lie on them
+        rim = np.unique(np.concatenate([facets.ravel() for facets in mesh.boundary]))
+        radius = np.linalg.norm(mesh.points[rim], axis=1)[abs(mesh.points[rim, 1]) > 1e-9]
+        assert np.minimum(abs(radius - 0.5), abs(radius - 1)).max() < 2e-3
+    choice = choose(scene)
+    coarse = first.rung((1,))[1]  # before it is begun second order counts as four times the nodes
+    assert Climb(second, choice.pilots, 0.01, 10**4, (1,)).nodes((2,)) == 16 * len(coarse.points)
+    assert choice.climb.reached and choice.climb.family.order == 2 and choice.mesh.cell == "triangle6"
+    truth = choice.pilots(second, (8,)).values
+    assert distance(choice.pilot.values, truth, choice.pilots.weights) < 0.01
 
 
 def test_a_files_cells_are_halved(tmp_path):

@@ -10,6 +10,7 @@ from vtkmodules.vtkCommonDataModel import (
     vtkBiQuadraticQuad,
     vtkHexahedron,
     vtkQuad,
+    vtkQuadraticEdge,
     vtkQuadraticTetra,
     vtkQuadraticTriangle,
     vtkTetra,
@@ -20,7 +21,7 @@ from vtkmodules.vtkCommonDataModel import (
 
 from physics.mesh import cell as cell_module
 from physics.mesh.cell import CELLS, CURVED_TETRAHEDRON, OF_MESHIO, OF_VTK, SECOND
-from physics.mesh.mesh import kind_of
+from physics.mesh.mesh import Mesh
 from physics.schema import InputError
 
 VTK = {"triangle": vtkTriangle, "quadrilateral": vtkQuad, "tetrahedron": vtkTetra, "hexahedron": vtkHexahedron, "prism": vtkWedge}
@@ -77,8 +78,9 @@ def test_other_numbers_of_the_kinds():
         "triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra", "hexahedron": "hexahedra",
         "prism": "prisms", "triangle6": "triangles of 6 nodes", "quadrilateral9": "quadrilaterals of 9 nodes",
         "tetrahedron10": "tetrahedra of 10 nodes", "hexahedron27": "hexahedra of 27 nodes"}
-    assert [kind_of(np.zeros((1, n), int)) for n in (2, 3, 4, 6, 9)] == [
-        "line", "triangle", "quadrilateral", "triangle6", "quadrilateral9"]
+    solid, plane = (Mesh(np.zeros((1, 3)), np.zeros((1, 1), int), cell, {}) for cell in ("prism", "triangle"))
+    assert [solid.kind_of(np.zeros((1, n), int)) for n in (3, 4, 6, 9)] == ["triangle", "quadrilateral", "triangle6", "quadrilateral9"]
+    assert [plane.kind_of(np.zeros((1, n), int)) for n in (2, 3)] == ["line", "line3"]
 
 
 @pytest.mark.parametrize("name", CELLS)
@@ -88,12 +90,11 @@ def test_names_and_numbers_are_those_of_meshio(name):
     assert meshio._mesh.topological_dimension[cell.meshio] == cell.dimension
     assert meshio._common.num_nodes_per_cell[cell.meshio] == cell.nodes == cell.corners + len(cell.middles)
     assert OF_MESHIO.get(cell.meshio) is (None if cell.middles else cell)  # files are read by their corners
-    body = cell.dimension == 3 or (cell.dimension == 2 and not cell.middles)
-    assert OF_VTK.get(cell.vtk) is (cell if body else None)
+    assert OF_VTK.get(cell.vtk) is (cell if cell.dimension > 1 else None)
 
 
-SECOND_ORDER = {"triangle6": vtkQuadraticTriangle, "quadrilateral9": vtkBiQuadraticQuad, "tetrahedron10": vtkQuadraticTetra,
-                "hexahedron27": vtkTriQuadraticHexahedron}
+SECOND_ORDER = {"line3": vtkQuadraticEdge, "triangle6": vtkQuadraticTriangle, "quadrilateral9": vtkBiQuadraticQuad,
+                "tetrahedron10": vtkQuadraticTetra, "hexahedron27": vtkTriQuadraticHexahedron}
 
 
 @pytest.mark.parametrize("name", SECOND_ORDER)
@@ -101,7 +102,7 @@ def test_shape_functions_of_second_order_are_those_of_vtk(name):
     theirs, cell = SECOND_ORDER[name](), CELLS[name]
     places = np.reshape(theirs.GetParametricCoords(), (-1, 3))
     np.testing.assert_array_equal(cell.places, places)
-    at = np.random.default_rng(0).uniform(0, 0.3, (5, 3)) * (1, 1, cell.dimension == 3)
+    at = np.random.default_rng(0).uniform(0, 0.3, (5, 3)) * (np.arange(3) < cell.dimension)
     for place in at:
         weights, slopes = np.zeros(cell.nodes), np.zeros(cell.dimension * cell.nodes)
         theirs.InterpolateFunctions(place, weights)
@@ -111,18 +112,18 @@ def test_shape_functions_of_second_order_are_those_of_vtk(name):
         assert gradients[:, :cell.dimension].T.ravel() == pytest.approx(slopes, abs=1e-13)
 
 
-@pytest.mark.parametrize("name", ["tetrahedron10", "hexahedron27"])
+@pytest.mark.parametrize("name", ["triangle6", "quadrilateral9", "tetrahedron10", "hexahedron27"])
 def test_facets_of_second_order_are_those_of_vtk_and_look_outward(name):
     theirs, cell = SECOND_ORDER[name](), CELLS[name]
     for i in range(theirs.GetNumberOfPoints()):
         theirs.GetPointIds().SetId(i, i)
     there = set()
-    for i in range(theirs.GetNumberOfFaces()):
-        face = theirs.GetFace(i)  # one object, filled anew
+    for i in range(theirs.GetNumberOfFaces() if cell.dimension == 3 else theirs.GetNumberOfEdges()):
+        face = theirs.GetFace(i) if cell.dimension == 3 else theirs.GetEdge(i)  # one object, filled anew
         there.add(frozenset(face.GetPointId(k) for k in range(face.GetNumberOfPoints())))
     assert {frozenset(facet) for facet in cell.facets} == there
     for facet in cell.facets:
-        kind = CELLS[kind_of(np.array([facet]))]
+        kind = CELLS[Mesh(cell.places, np.array([range(cell.nodes)]), name, {}).kind_of(np.array([facet]))]
         np.testing.assert_allclose(kind.shapes(kind.places)[0] @ cell.places[list(facet)], cell.places[list(facet)], atol=1e-15)
         corners = [cell.places[list(facet)][list(of)].mean(axis=0) for of in kind.middles]
         np.testing.assert_array_equal(corners, cell.places[list(facet)][kind.corners:])
@@ -131,13 +132,14 @@ def test_facets_of_second_order_are_those_of_vtk_and_look_outward(name):
 
 def exact(powers, cell):
     """The integral of r^a s^b t^c over a cell of side 1."""
-    if "hexa" in cell or "quadri" in cell:
+    if "hexa" in cell or "quadri" in cell or "line" in cell:
         return np.prod([1 / (p + 1) for p in powers])
     return np.prod([factorial(p) for p in powers]) / factorial(sum(powers) + CELLS[cell].dimension)
 
 
 @pytest.mark.parametrize("name, rule, degree", [
-    ("triangle6", None, 4), ("quadrilateral9", None, 5), ("tetrahedron10", None, 2), ("tetrahedron10", CURVED_TETRAHEDRON, 3),
+    ("line3", None, 5), ("triangle6", None, 4), ("quadrilateral9", None, 5), ("tetrahedron10", None, 2),
+    ("tetrahedron10", CURVED_TETRAHEDRON, 3),
     ("hexahedron27", None, 5)])
 def test_rules_of_second_order_are_exact_to_their_degree(name, rule, degree):
     cell = CELLS[name]
@@ -199,11 +201,11 @@ def test_shape_functions_of_first_order_are_those_of_vtk(name):
 
 @pytest.mark.parametrize("name", CELLS)
 def test_functions_add_up_to_one_and_those_of_plane_cells_have_no_slope_along_t(name):
-    if CELLS[name].dimension < 2:
+    if name in ("vertex", "line"):
         with pytest.raises(InputError, match=f"cell = '{name}': must be one of triangle, quadrilateral, tetrahedron, prism, hexahedron"):
             CELLS[name].shapes([0.0, 0.0, 0.0])
         return
-    plane = CELLS[name].dimension == 2
+    plane = CELLS[name].dimension < 3
     values, gradients = CELLS[name].shapes([0.2, 0.3, 0.0 if plane else 0.4])
     assert values.sum() == pytest.approx(1) and gradients.sum(axis=0) == pytest.approx([0, 0, 0], abs=1e-14)
     assert gradients[:, 2].any() == (not plane)
@@ -233,4 +235,4 @@ def test_edges_of_second_order_lead_from_each_node_to_the_next_half_a_side_away(
     wanted = {frozenset((i, j)) for i, j in product(range(cell.nodes), repeat=2)
               if sorted(np.abs(cell.places[i] - cell.places[j])) == [0, 0, 0.5]}
     assert len(cell.edges) == len(wanted) == count and {frozenset(edge) for edge in cell.edges} == wanted
-    assert SECOND[cell.first] == name and cell.corners == CELLS[cell.first].corners and bool(cell.facets) == (cell.dimension == 3)
+    assert SECOND[cell.first] == name and cell.corners == CELLS[cell.first].corners and len(cell.facets) == len(CELLS[cell.first].facets)

@@ -56,7 +56,8 @@ def test_a_path_is_told_of_by_the_step_that_strains_it_most(monkeypatch):
     ({"cell": "prism", "width": 1.001}, ", or tetrahedra or hexahedra of order 2"),
     ({"cell": "prism", "height": 1.001}, ", or tetrahedra or hexahedra of order 2"),
     ({"cell": "prism", "shape": "plate"}, ", or tetrahedra or hexahedra of order 2"),
-    ({"cell": "tetrahedron"}, ", or body.order = 2"), ({"cell": "triangle"}, ""), ({"cell": "quadrilateral"}, "")])
+    ({"cell": "tetrahedron"}, ", or body.order = 2"), ({"cell": "triangle"}, ", or body.order = 2"),
+    ({"cell": "quadrilateral"}, ", or body.order = 2")])
 def test_what_helps_depends_on_the_cells(monkeypatch, body, help_):
     text, = told(monkeypatch, 0.5, scene(**body))[0]
     assert text.endswith(f"take smaller cells{help_}")

@@ -95,7 +95,7 @@ def test_what_a_place_of_a_file_is_made_of_gets_middles_and_rows_that_are_no_sid
                            "body": [("hexahedron", first.cells)], "odd": [("quadrilateral", first.cells[:, [0, 2, 4, 6]])]})
     mesh = second_order(first)
     assert [(kind, rows.shape) for made in mesh.parts.values() for kind, rows in made] == [
-        ("quadrilateral9", (1, 9)), ("line", (2, 2)), ("hexahedron27", (1, 27)), ("quadrilateral9", (1, 9))]
+        ("quadrilateral9", (1, 9)), ("line3", (1, 3)), ("hexahedron27", (1, 27)), ("quadrilateral9", (1, 9))]
     assert [len(mesh.place(name)) for name in ("face", "edge", "body")] == [9, 3, 27]
     assert [len(part) for part in mesh.facets("face")] == [1] and not sum(map(len, mesh.facets("odd")))
     assert mesh.region("body").all() and corners_only(mesh).parts["edge"][0][1].tolist() == first.parts["edge"][0][1].tolist()

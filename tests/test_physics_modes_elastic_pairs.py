@@ -140,7 +140,7 @@ def test_a_rectangle_has_the_waves_along_its_sides():
         exact = np.sort(np.pi**2 * np.add.outer((m / 0.5) ** 2, (n / 0.3) ** 2).ravel())[:6]
         modes = laplacian_modes(read_body({"body": table}), count=6, dirichlet=dirichlet)
         assert modes.eigenvalues == pytest.approx(exact, rel=3e-4)  # (h^2 lambda)^2 / 1500, h = 1 / 40
-        assert modes.cells == "quadrilaterals of order 2"
+        assert modes.cells == "quadrilaterals of 9 nodes of order 2"
     both = laplacian_modes(read_body({"body": table}), count=3, dirichlet=[])
     assert both.eigenvalues == pytest.approx([0, 4 * np.pi**2, np.pi**2 / 0.09], rel=1e-4, abs=1e-7)
     assert both.constant == both.constant_expected == 1 and both.clusters == (range(0, 1), range(1, 2), range(2, 3))

@@ -19,10 +19,19 @@ def middles(mesh):
     return ~np.isin(np.arange(len(mesh.points)), mesh.cells[:, :CELLS[mesh.cell].corners])
 
 
-@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def body(cell, length=0.06, cells=(4, 1, 1)):
+    """A beam, or a plate of plane cells."""
+    plane = CELLS[cell].dimension == 2
+    sizes = {"shape": "plate", "cells": cells[:2]} if plane else {"height": 0.02, "cells": cells}
+    return {"length": length, "width": 0.02, "cell": cell, "order": 2} | sizes
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron", "triangle", "quadrilateral"])
 def test_a_solved_path_scores_nothing_and_noise_at_the_middles_is_found(cell):
-    scene = pressed(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [4, 1, 1], "cell": cell, "order": 2}, steps={"count": 2},
-                    obstacle={"shape": "cylinder", "radius": 0.01, "path": [[0.05, 0.01, 0.0301], [0.05, 0.01, 0.028]]})
+    plane = CELLS[cell].dimension == 2
+    path = [[0.05, 0.0301, 0.0], [0.05, 0.028, 0.0]] if plane else [[0.05, 0.01, 0.0301], [0.05, 0.01, 0.028]]
+    scene = pressed(body=body(cell) | {"cells": list(body(cell)["cells"])}, steps={"count": 2},
+                    obstacle={"shape": "cylinder", "radius": 0.01, "axis": [0, 0, 1] if plane else [0, 1, 0], "path": path})
     solution = solve(scene)
     mesh, truth = solution.mesh, solution.displacement
     free = np.ones(len(mesh.points), bool)
@@ -37,9 +46,9 @@ def test_a_solved_path_scores_nothing_and_noise_at_the_middles_is_found(cell):
     assert found.effectivity == pytest.approx(1, abs=0.1)
 
 
-@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron", "triangle", "quadrilateral"])
 def test_an_error_of_the_middles_alone_is_seen(tmp_path, cell):
-    mesh = build_mesh(Body(length=0.1, width=0.02, height=0.02, cells=(10, 2, 2), cell=cell, order=2))
+    mesh = build_mesh(Body(**body(cell, 0.1, (10, 2, 2))))
     truth = np.zeros_like(mesh.points)
     wrong = truth + np.where((middles(mesh) & (mesh.points[:, 0] > 0.07))[:, None], [0.0, 2e-3, 0.0], 0.0)
     view.frame_picture(tmp_path / "a.png", mesh, prediction=wrong, truth=truth, step=1, steps=1)

@@ -7,7 +7,8 @@ Legend: T frames (step 0 is the rest state, so T = steps + 1), N nodes (body fir
     /VTKHDF                     @Type "UnstructuredGrid", @Version [2, 1]
       Points                    (N, 3) float64  rest positions [m]
       Connectivity, Offsets     (sum of cell sizes,), (C + 1,) int64
-      Types                     (C,) uint8      VTK cell types: 13 prism, 10 tetrahedron, 12 hexahedron, 5 triangle
+      Types                     (C,) uint8      VTK cell types: 13 prism, 10 tetrahedron, 12 hexahedron, 5 triangle, 9 quadrilateral; of
+                                                second order 24 tetrahedron, 29 hexahedron, 22 triangle, 28 quadrilateral
       NumberOfPoints, NumberOfCells, NumberOfConnectivityIds   (1,) int64: the mesh is stored once
       PointData
         displacement            (T N, 3) float32  [m], frame after frame, one chunk a frame

@@ -230,14 +230,15 @@ def _upright(points: NDArray[np.float64], cells: NDArray[np.int64], cell: str) -
 
 def to_fields(trajectory: Trajectory, *, cells: str = "tetrahedra") -> Fields:
     """The fields of a trajectory, as they stand in the module's docstring. Raises `InputError` for cells that cannot be cut."""
-    body = trajectory.mesh.cells
+    mesh = trajectory.mesh
+    body = mesh.surface[0] if cells == "tetrahedra" and mesh.dimension == 2 else mesh.cells  # plane cells of second order in four
     if cells == "tetrahedra" and body.shape[1] == 6:
         body = tetrahedra(body)
     elif cells == "tetrahedra" and body.shape[1] == 10:
         body = cut_into_eight(body)
     elif cells == "tetrahedra" and body.shape[1] == 8:
         raise InputError("hexahedra are not cut into tetrahedra here: ask for --cells own")
-    flat = trajectory.mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement[0].any()
+    flat = mesh.dimension == 2 and not trajectory.points[:, 2].any() and not trajectory.displacement[0].any()
     found: Fields = {"cells": body[None].astype(np.int32)}
     surface = trajectory.obstacle
     if surface is not None:

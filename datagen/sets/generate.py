@@ -293,8 +293,8 @@ def compile_forms(scenes: list[Any]) -> None:
     for cell, plane, order, element, law in {(cell_of[body], body.plane, body.order, body.element, material.law): None
                                              for scene in solids for body in [scene.body] for material in scene.materials}:
         body = Body(length=1.0, width=1.0, height=1.0, cells=(1, 1, 1), cell=CELLS[cell].first or cell, order=order, element=element)
-        if cell in PLANE_CELLS:
-            body = Body(shape="plate", length=1.0, width=1.0, cells=(1, 1), cell=cell, plane=plane)
+        if body.cell in PLANE_CELLS:
+            body = Body(shape="plate", length=1.0, width=1.0, cells=(1, 1), cell=body.cell, order=order, plane=plane)
         scene = Scene(body=body, material=Material(law=law, young_modulus=1.0, poisson_ratio=0.3), steps=Steps(count=1))
         solve(scene)
         elastic_modes(scene, count=1)

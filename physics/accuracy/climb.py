@@ -22,7 +22,7 @@ import numpy as np
 
 from physics.accuracy.estimate import FIRST, ROUNDING, ErrorEstimate, coarse, distance, estimate, looked, norm
 from physics.accuracy.ladder import MeshFamily, Sizes
-from physics.accuracy.pilot import Floats, Pilot, cost
+from physics.accuracy.pilot import POSE, Floats, Pilot, cost
 from physics.equilibrium.state import NoEquilibrium
 from physics.schema import InputError
 
@@ -36,7 +36,8 @@ NOTHING = 0.01  # of the target: a share that needs no look
 PATIENCE = 2  # meshes in succession whose error does not fall regularly, before it is given up that it will
 FALLING = 0.7  # times the error of the mesh before: what falls so far is on its way, as on meshes that are much too coarse
 LOST = 10  # times the nodes allowed: a way that needs them is given up for one with a smaller error
-SMALLER = 0.2  # error of second order over that of first on their coarsest meshes, before it is known
+# Error of second order over that of first on their coarsest meshes, before it is known; and of a plane body under an obstacle.
+SMALLER, PRESSED = 0.2, 0.8
 COARSEST = 5  # refinements of a coarsest mesh that cannot hold the scene
 
 
@@ -106,20 +107,21 @@ class Climb:
         grown = math.prod((n / n0) ** span for n, n0, span in zip(sizes, self.sizes, self.family.spans, strict=True))
         if self.ladder:
             return self.pilot.nodes * grown
-        return grown * sum(self.family.order ** 3 * pilot.nodes for _, pilot in self.pilots.solved(1)[:1])
+        return grown * sum(self.family.order**self.family.dimension * pilot.nodes for _, pilot in self.pilots.solved(1)[:1])
 
     def outlook(self, before: float = 0.0) -> float:
         """What the whole scene will cost on the mesh that keeps the error, and what it takes to get there.
 
         Args: before: the error of the other order on its coarsest mesh, for a way that is not begun
         """
-        poses = len(self.pilots.fractions)
+        poses = len(self.pilots.fractions) * POSE[self.family.dimension]
         if not self.ladder:
-            need = max(1.0, (SMALLER * before / self.target) ** (1 / USUAL[2]))
-            grown = need ** sum(self.family.spans)
-            return (self.pilots.count + (1 + len(self.sizes)) * poses) * cost(grown * self.nodes(self.sizes), self.family.order)
+            d, touches = self.family.dimension, bool(self.family.scene.obstacles)
+            need = max(1.0, ((PRESSED if d == 2 and touches else SMALLER) * before / self.target) ** (1 / USUAL[2]))
+            grown = need**d
+            return (self.pilots.count + (1 + len(self.sizes)) * poses) * cost(grown * self.nodes(self.sizes), self.family)
         need, nodes = self._needed()
-        return (self.pilots.count + 2 * poses * (need > 1)) * cost(nodes, self.family.order)
+        return (self.pilots.count + 2 * poses * (need > 1)) * cost(nodes, self.family)
 
     @property
     def lost(self) -> bool:
@@ -222,10 +224,10 @@ class Climb:
     def _settle(self) -> None:
         """Step back to the cheapest mesh that keeps the error by its distance from the one that was reached."""
         order, weights, finest, usual = self.family.order, self.pilots.weights, self.pilot, USUAL[self.family.order]
-        keep = [(cost(pilot.nodes, order), sizes, error) for sizes, pilot in self.pilots.solved(order)
+        keep = [(cost(pilot.nodes, self.family), sizes, error) for sizes, pilot in self.pilots.solved(order)
                 if (error := distance(pilot.values, finest.values, weights) + self.error) <= self.target]
         best, sizes, error = min(keep, default=(math.inf, self.sizes, self.error))
-        if best < cost(finest.nodes, order):
+        if best < cost(finest.nodes, self.family):
             self.shares = [share * (n / m) ** usual for share, n, m in zip(self.shares, self.sizes, sizes, strict=True)]
             self.ladder = [*(rung for rung in self.ladder if self.nodes(rung[0]) < self.nodes(sizes)), (sizes, error)]
             self.checked, self.sizes, self.error = self.sizes, sizes, error

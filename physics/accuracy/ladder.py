@@ -1,9 +1,13 @@
 """Which meshes may a body have, from coarse to fine, and at which points are they compared?
 
 A beam or plate is cut into hexahedra, of first order (with one dilatation a cell) or of second, with numbers along x, y and z that grow
-by themselves; a plane plate into its cells. A panel has numbers in its plane and of its layers, in tetrahedra. A file's own mesh is
-taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body share: the
-middles of a regular grid in a box, else those of the cells of the coarsest mesh. Boxes are graded to the faces at which they are clamped.
+by themselves; a plane plate into its cells, of either order. A panel has numbers in its plane and of its layers, in tetrahedra. A file's
+own mesh is taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body
+share: the middles of a regular grid in a box, else those of the cells of the coarsest mesh. Boxes are graded to the
+faces at which they are clamped.
+
+Triangles of second order come in even numbers: their diagonals alternate, so that of odd and even numbers other corners of the body are
+cut, where stress is singular, and an error that falls from even to even need not from even to odd.
 
 Legend: M points.
 """
@@ -12,8 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -25,6 +28,7 @@ from physics.mesh.build import across, build_mesh, of_order
 from physics.mesh.cell import CELLS, SECOND
 from physics.mesh.mesh import Mesh
 from physics.mesh.refine import halved
+from physics.mesh.second import corners_only, is_curved
 from physics.scene import PLACES, PLANE_CELLS, Body, Scene
 
 Floats = NDArray[np.float64]
@@ -43,65 +47,73 @@ class MeshFamily:
     """Meshes of one body with cells of one order.
 
     base: the coarsest; axes: what its numbers count
+    own: of a file the mesh in it, of second order if its sides are curved, so that finer ones of any order have their corners on them
     """
 
     scene: Scene
     order: int
     base: Sizes
     axes: tuple[str, ...]
+    own: Mesh | None = field(default=None, compare=False)
 
     @property
     def body(self) -> Body:
         return self.scene.body
 
-    @cached_property
-    def own(self) -> Mesh:
-        """Of a file: the mesh in it, of its own order."""
-        return build_mesh(replace(self.body, order=1))
-
     def after(self, sizes: Sizes, axis: int) -> Sizes:
         """The next finer mesh along an axis; a file's cells are halved."""
         n = sizes[axis]
-        following = 2 * n if self.body.shape == "file" else max(n + 1, math.ceil(GROWTH * n))
+        following = 2 * n if self.body.shape == "file" else self.whole(max(n + 1, math.ceil(GROWTH * n)))
         return (*sizes[:axis], following, *sizes[axis + 1:])
 
     def finer(self, sizes: Sizes, times: Sequence[float]) -> Sizes:
         """The mesh with so many times the cells along each axis; a file's cells are halved as often as it takes."""
         if self.body.shape == "file":
             return (sizes[0] * 2 ** math.ceil(math.log2(times[0]) - ROUND),)
-        return tuple(math.floor(n * ratio + 0.5) for n, ratio in zip(sizes, times, strict=True))
+        return tuple(self.whole(math.floor(n * ratio + 0.5)) for n, ratio in zip(sizes, times, strict=True))
+
+    def whole(self, n: int) -> int:
+        """The least number of cells of this kind that is not below n."""
+        return n + n % 2 if self.order == 2 and self.body.cell == "triangle" else n
+
+    @property
+    def dimension(self) -> int:
+        """3 for a solid body, 2 for a plane one."""
+        return sum(self.spans)
 
     @property
     def spans(self) -> Sizes:
         """How many directions of the body each number counts cells along."""
-        return (self.own.dimension,) if self.body.shape == "file" else (2, 1) if self.body.shape == "panel" else (1,) * len(self.base)
+        return (self.own.dimension,) if self.own is not None else (2, 1) if self.body.shape == "panel" else (1,) * len(self.base)
 
     def rung(self, sizes: Sizes) -> tuple[Scene, Mesh]:
         """The scene with the mesh of these numbers, and the mesh."""
         scene = self.scene_with(sizes)
-        if self.body.shape != "file":
-            return scene, build_mesh(scene.body)
         mesh = self.own
+        if mesh is None:
+            return scene, build_mesh(scene.body)
         for _ in range(round(math.log2(sizes[0]))):
             mesh = halved(mesh)
+        if self.order == 1 and CELLS[mesh.cell].middles:
+            mesh = corners_only(mesh)
         return scene, across(of_order(mesh, scene.body), scene.body)
 
     def scene_with(self, sizes: Sizes) -> Scene:
         """The scene with the mesh of these numbers, in the keys of its body as far as they can say it."""
         body, steps = self.body, replace(self.scene.steps, error=None, quantity=None)
         ratio = max(material.poisson_ratio for material in self.scene.materials)
-        if body.shape == "file":
-            solid = self.own.dimension == 3 and (self.own.cell != "tetrahedron" or self.order == 2)
+        if self.own is not None:
+            solid = self.dimension == 3 and (self.own.cell not in ("tetrahedron", "tetrahedron10") or self.order == 2)
             body = replace(body, order=self.order, element="mean-dilatation" if solid and ratio >= STIFF else "standard")
             return replace(self.scene, body=body, steps=steps)
         if body.shape == "panel":
             body = replace(body, cell="tetrahedron", cell_size=max(body.extent) / sizes[0], layers=sizes[1], order=self.order)
         elif len(sizes) == 2:
-            body = replace(body, cells=sizes)
+            body = replace(body, cells=sizes, order=self.order)
         else:
             body = replace(body, cells=sizes, cell="hexahedron", order=self.order)
         free = body.cell == "hexahedron" and self.order == 1
-        if free or (body.order == 2 and ratio >= STIFF):
+        if free or (body.cell not in PLANE_CELLS and body.order == 2 and ratio >= STIFF):
             body = replace(body, element="mean-dilatation")
         return replace(self.scene, body=body, steps=steps)
 
@@ -124,9 +136,12 @@ def families(scene: Scene) -> list[MeshFamily]:
     """The ways to mesh a body, that of second order first. Raises `InputError` when a file is not sound."""
     body = scene.body
     if body.shape == "file":
-        first = MeshFamily(scene, 1, (1,), ("the file's cells",))
-        solid = first.own.dimension == 3 and first.own.cell in SECOND
-        return [replace(first, order=2), first] if solid else [first]
+        mesh = build_mesh(replace(body, order=1))
+        second = mesh.cell in SECOND
+        if second and is_curved(curved := build_mesh(replace(body, order=2))):
+            mesh = curved
+        first = MeshFamily(scene, 1, (1,), ("the file's cells",), mesh)
+        return [replace(first, order=2), first] if second else [first]
     if body.shape != "panel":
         body = replace(body, graded=_clamped(scene) or None)
         scene = replace(scene, body=body)
@@ -144,7 +159,8 @@ def families(scene: Scene) -> list[MeshFamily]:
         return [MeshFamily(scene, order, (n, max(order_layers, math.ceil(extent[2] / size))), ("in the plane", "layers"))
                 for order, order_layers in ((2, 1), (1, 2))]
     if body.cell in PLANE_CELLS:
-        return [MeshFamily(scene, 1, base(2), ("x", "y"))]
+        kinds = [MeshFamily(scene, order, base(least), ("x", "y")) for order, least in ((2, 1), (1, 2))]
+        return [replace(kind, base=tuple(map(kind.whole, kind.base))) for kind in kinds]
     return [MeshFamily(scene, order, base(least), ("x", "y", "z")) for order, least in ((2, 1), (1, 2))]
 
 

@@ -33,11 +33,13 @@ Floats = NDArray[np.float64]
 
 POSES = 4  # and two for each leg of a path or row of a table
 HALF = 0.6  # of the last displacement: the other pose on a path that goes one way
-EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "triangle": 6}  # cells of boxes among which one holds a point
+# Cells of boxes among which one holds a point.
+EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "quadrilateral9": 1, "triangle": 6, "triangle6": 6}
 FEW = 4  # nearest cells among which one mostly holds a point
 HALVED = 3  # times the way between two poses under an obstacle may be, where another mesh's answer leads nowhere
-POWER, IDLE = 1.3, 300  # a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows
-SECOND = 1.7  # times as much with cells of second order
+# By dimension a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows; with cells of second
+# order SECOND times as much; and a pose of a pilot as much as POSE steps, of which those of a plane body are short.
+POWER, IDLE, SECOND, POSE = {3: 1.3, 2: 1.0}, {3: 300, 2: 650}, {3: 1.7, 2: 1.15}, {3: 1, 2: 7}
 
 
 @dataclass(frozen=True)
@@ -184,9 +186,10 @@ class Pilots:
         return Pilot(mesh, self.of(scene, found, frames), found.displacement[frames], 0.0)
 
 
-def cost(nodes: float, order: int) -> float:
-    """Of a step, or of a pose of a pilot, in units of its own."""
-    return float((nodes + IDLE) ** POWER) * (SECOND if order == 2 else 1.0)
+def cost(nodes: float, family: MeshFamily) -> float:
+    """Of a step on a mesh of a family, in units of its own."""
+    d = family.dimension
+    return float((nodes + IDLE[d]) ** POWER[d]) * (SECOND[d] if family.order == 2 else 1.0)
 
 
 def few(scene: Scene) -> int:

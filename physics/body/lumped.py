@@ -5,9 +5,9 @@
 A step through time has the masses for m (motion/dynamics.py), one through a viscous medium the volumes (equilibrium/snap.py).
 Legend: N nodes, C cells of n nodes.
 
-The mass of a node is the sum of its row of the consistent mass matrix. In a tetrahedron of second order that is below zero at corners, so
-there each node has its share of the diagonal: 1/36 of the cell's mass at a corner and 4/27 in a middle (Hinton, Rock and Zienkiewicz,
-Earthquake Engng Struct. Dyn. 4, 1976, 245).
+The mass of a node is the sum of its row of the consistent mass matrix. In a tetrahedron of second order that is below zero at corners, and
+zero in a triangle, so there each node has its share of the diagonal (Hinton, Rock and Zienkiewicz, Earthquake Engng Struct. Dyn. 4, 1976,
+245): of the mass of a tetrahedron 1/36 at a corner and 4/27 in a middle, of that of a triangle 1/19 and 16/57.
 """
 
 from __future__ import annotations
@@ -26,14 +26,16 @@ from physics.mesh.quality import cell_volumes
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+DIAGONAL = {"tetrahedron10": np.repeat([1 / 36, 4 / 27], [4, 6]), "triangle6": np.repeat([1 / 19, 16 / 57], 3)}
+
 
 def node_masses(body: Elasticity) -> Floats:
     """(N, 1) [kg] lumped masses of a body, which add up to its mass."""
     mesh = body.mesh
-    if mesh.cell != "tetrahedron10":
+    if mesh.cell not in DIAGONAL:
         return body.weight(np.ones(3))[:, :1]
-    mass = cell_volumes(mesh.points, mesh.cells, mesh.cell) * cellwise(body.material, mesh, lambda own: own.density)
-    share = mass[:, None] * np.repeat([1 / 36, 4 / 27], [4, 6])
+    volume = cell_volumes(mesh.points, mesh.cells, mesh.cell) * (mesh.thickness if mesh.dimension == 2 else 1.0)
+    share = (volume * cellwise(body.material, mesh, lambda own: own.density))[:, None] * DIAGONAL[mesh.cell]
     return np.bincount(mesh.cells.ravel(), share.ravel(), len(mesh.points)).astype(np.float64)[:, None]
 
 

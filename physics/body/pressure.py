@@ -1,6 +1,6 @@
 """Pressure p [Pa] on faces of a body, along their normal: dead, on the rest facets, or following the facets as they move.
 
-With x the corners of a facet, N_a its shape functions and t_k = sum_b N_b,k x_b its tangents (of the side of a plane body t_1 = h e_z,
+With x the nodes of a facet, N_a its shape functions and t_k = sum_b N_b,k x_b its tangents (of the side of a plane body t_1 = h e_z,
 h the thickness), the nodal forces on the body are
 
     f_a = -p sum_g w_g N_a t_0 x t_1        over the Gauss points g, exact for plane and for warped facets
@@ -14,7 +14,7 @@ of which the symmetric part is taken. Over a closed face, and one whose rim is h
 potential, p times the volume (Schweizerhof and Ramm, Computers & Structures 18, 1984, 1099); else the rest is made up for by further
 Newton steps, and by halving the step where these do not converge.
 
-Legend: N nodes, C cells of n nodes, F facets of k corners.
+Legend: N nodes, C cells of n nodes, F facets of k nodes.
 """
 
 from __future__ import annotations
@@ -33,41 +33,41 @@ from physics.scene import Load, Materials
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# Gauss points of a facet by its number of corners: weights (g,), shape functions (g, k), and their derivatives (g, 2, k).
+# Gauss points of a facet by its kind: weights (g,), shape functions (g, k), and their derivatives (g, 2, k).
 _SIGN = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 _AT = _SIGN[:, None] * _SIGN[None] / np.sqrt(3)  # (k, g, 2)
-_SECOND = [(cell, cell.shapes(cell.points)) for cell in (CELLS["triangle6"], CELLS["quadrilateral9"])]
+_SECOND = [(cell, cell.shapes(cell.points)) for cell in (CELLS["line3"], CELLS["triangle6"], CELLS["quadrilateral9"])]
 POINTS = {
-    2: (np.ones(1), np.full((1, 2), 1 / 2), np.array([[[-1.0, 1.0], [0.0, 0.0]]])),
-    3: (np.array([0.5]), np.full((1, 3), 1 / 3), np.array([[[-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]]])),
-    4: (np.ones(4), np.prod(1 + _AT, axis=2).T / 4, (_SIGN[:, None] * (1 + _AT)[:, :, ::-1] / 4).transpose(1, 2, 0)),
-    **{cell.nodes: (cell.weights, values, slopes[..., :2].swapaxes(1, 2)) for cell, (values, slopes) in _SECOND},
+    "line": (np.ones(1), np.full((1, 2), 1 / 2), np.array([[[-1.0, 1.0], [0.0, 0.0]]])),
+    "triangle": (np.array([0.5]), np.full((1, 3), 1 / 3), np.array([[[-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]]])),
+    "quadrilateral": (np.ones(4), np.prod(1 + _AT, axis=2).T / 4, (_SIGN[:, None] * (1 + _AT)[:, :, ::-1] / 4).transpose(1, 2, 0)),
+    **{cell.name: (cell.weights, values, slopes[..., :2].swapaxes(1, 2)) for cell, (values, slopes) in _SECOND},
 }
 
 
-def tangents(points: Floats, corners: Integers, thickness: float) -> Floats:
-    """(F, g, 2, 3) of facets (F, k) at their Gauss points."""
-    tangent: Floats = np.einsum("gka,fai->fgki", POINTS[corners.shape[1]][2], points[corners])
-    if corners.shape[1] == 2:
-        tangent[:, :, 1, 2] = thickness
+def tangents(mesh: Mesh, points: Floats, facets: Integers) -> Floats:
+    """(F, g, 2, 3) of facets (F, k) of a mesh at their Gauss points, its nodes at points (N, 3)."""
+    tangent: Floats = np.einsum("gka,fai->fgki", POINTS[mesh.kind_of(facets)][2], points[facets])
+    if mesh.dimension == 2:
+        tangent[:, :, 1, 2] = mesh.thickness
     return tangent
 
 
-def pressure_force(points: Floats, facets: list[Integers], pressure: float, thickness: float = 1.0) -> Floats:
-    """(N, 3) nodal forces [N] of a pressure [Pa] on facets with their corners at points (N, 3), outward by the right-hand rule."""
+def pressure_force(mesh: Mesh, points: Floats, facets: list[Integers], pressure: float) -> Floats:
+    """(N, 3) nodal forces [N] of a pressure [Pa] on facets of a mesh, its nodes at points (N, 3), outward by the right-hand rule."""
     force = np.zeros_like(points)
     for corners in facets:
-        weight, shape, _ = POINTS[corners.shape[1]]
-        tangent = tangents(points, corners, thickness)
+        weight, shape, _ = POINTS[mesh.kind_of(corners)]
+        tangent = tangents(mesh, points, corners)
         normal = np.cross(tangent[:, :, 0], tangent[:, :, 1])  # (F, g, 3)
         np.add.at(force, corners, -pressure * np.einsum("g,ga,fgi->fai", weight, shape, normal))
     return force
 
 
-def pressure_stiffness(points: Floats, corners: Integers, pressure: float, thickness: float = 1.0) -> Floats:
+def pressure_stiffness(mesh: Mesh, points: Floats, corners: Integers, pressure: float) -> Floats:
     """(F, 3 k, 3 k) the symmetric part of -df/dx of some facets (F, k) [N/m]."""
-    weight, shape, slope = POINTS[corners.shape[1]]
-    tangent = tangents(points, corners, thickness)
+    weight, shape, slope = POINTS[mesh.kind_of(corners)]
+    tangent = tangents(mesh, points, corners)
     cross = np.einsum("ijk,fgmj->fgmik", _LEVI_CIVITA, tangent)  # [t_m]: ([t] v)_i = e_ijk t_j v_k
     turn = np.einsum("gb,fgik->fgbik", slope[:, 1], cross[:, :, 0]) - np.einsum("gb,fgik->fgbik", slope[:, 0], cross[:, :, 1])
     whole = pressure * np.einsum("g,ga,fgbik->faibk", weight, shape, turn).reshape(len(corners), 3 * corners.shape[1], -1)
@@ -98,7 +98,7 @@ class Pressed(Elasticity):
 
     def _pressed(self, u: Floats) -> Floats:
         at = self.mesh.points + u
-        forces = (pressure_force(at, [facets], self._pressure(load), self.mesh.thickness) for facets, load in self._faces)
+        forces = (pressure_force(self.mesh, at, [facets], self._pressure(load)) for facets, load in self._faces)
         return sum(forces, np.zeros_like(at))
 
     def _pressure(self, load: Load) -> float:
@@ -110,7 +110,7 @@ class Pressed(Elasticity):
         super().add_stiffness(u, slot, out, scale=scale)
         self.factored = self.fraction
         for (facets, load), (cell, entry, upper) in zip(self._faces, self._places, strict=True):
-            added = pressure_stiffness(self.mesh.points + u, facets, scale * self._pressure(load), self.mesh.thickness)
+            added = pressure_stiffness(self.mesh, self.mesh.points + u, facets, scale * self._pressure(load))
             np.add.at(out, slot[cell, entry], added[upper])
 
     def work(self, u: Floats) -> float:
@@ -118,7 +118,7 @@ class Pressed(Elasticity):
         work = 0.0
         for (facets, load), middle in zip(self._faces, self._middle, strict=True):
             for sign, at in ((1, self.mesh.points + u), (-1, self.mesh.points)):
-                force = pressure_force(at, [facets], self._pressure(load), self.mesh.thickness)
+                force = pressure_force(self.mesh, at, [facets], self._pressure(load))
                 work += sign * float((force * (at - middle)).sum()) / self.mesh.dimension
         return work
 

@@ -18,8 +18,8 @@ of cells there is nothing to fit: S^+ leaves out the directions in which the cen
 their cells do.
 
 Cells of second order know their stress best at the points of the rule of one degree less (Barlow, Int. J. Numer. Meth. Engng 10, 1976,
-243): four in a tetrahedron, eight in a hexahedron. From these it goes on to a cell's nodes by the functions, linear or trilinear, that have
-its values there, and a node has the mean over its cells.
+243): four in a tetrahedron, eight in a hexahedron, three in a triangle, four in a quadrilateral. From these it goes on to a cell's nodes by
+the functions of first order that have its values there, and a node has the mean over its cells.
 
 Legend: N nodes, C cells, n nodes of a cell, P points of one that stress is taken at, M tensors, k pairs of a node and a cell nearby.
 """
@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from physics.body.element import Samples
 from physics.body.kernel import Kernel
 from physics.body.material import by_region, lame
-from physics.mesh.cell import CELLS
+from physics.mesh.cell import CELLS, TRIANGLE
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import centre_gradients
 from physics.scene import Material, Materials
@@ -162,7 +162,9 @@ def nodal_stress(mesh: Mesh, displacement: ArrayLike, material: Materials, at_no
 
 def _best(cell: str) -> Floats:
     """(P, 3) where in a cell of second order its stress is best."""
-    return CELLS[cell].points if cell == "tetrahedron10" else CELLS["hexahedron"].points
+    if cell == "triangle6":
+        return np.pad(TRIANGLE, ((0, 0), (0, 1)))
+    return CELLS[cell if cell == "tetrahedron10" else CELLS[cell].first].points
 
 
 def _extrapolation(mesh: Mesh) -> scipy.sparse.csr_matrix:

@@ -100,7 +100,7 @@ def traction_load(scene: Scene, mesh: Mesh) -> Floats:
                 raise InputError(f"load[{i}].where = {load.where!r}: {wrong}; a traction needs a face")
             force += _areas(mesh, facets)[:, None] * np.array(load.traction)
         if load.pressure is not None and load.where is not None and not load.follower:
-            force += pressure_force(mesh.points, outer_facets(mesh, load.where, f"load[{i}].where"), load.pressure, mesh.thickness)
+            force += pressure_force(mesh, mesh.points, outer_facets(mesh, load.where, f"load[{i}].where"), load.pressure)
     return force
 
 
@@ -135,16 +135,16 @@ def _areas(mesh: Mesh, found: list[NDArray[np.int64]]) -> Floats:
     """The same over some facets (F, k)."""
     areas = np.zeros(len(mesh.points))
     for facets in found:
-        x = mesh.points[facets]
-        if facets.shape[1] == 2:
+        x, kind = mesh.points[facets], mesh.kind_of(facets)
+        if kind == "line":
             share = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)[:, None] * mesh.thickness / 2
-        elif facets.shape[1] == 3:
+        elif kind == "triangle":
             share = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)[:, None] / 6
-        elif facets.shape[1] == 4:
+        elif kind == "quadrilateral":
             share = _bilinear_shares(x)
         else:  # of second order: nothing at the corners of a flat triangle
-            weight, shape, _ = POINTS[facets.shape[1]]
-            tangent = tangents(mesh.points, facets, mesh.thickness)
+            weight, shape, _ = POINTS[kind]
+            tangent = tangents(mesh, mesh.points, facets)
             share = np.einsum("g,fg,ga->fa", weight, np.linalg.norm(np.cross(tangent[:, :, 0], tangent[:, :, 1]), axis=2), shape)
         np.add.at(areas, facets, share)
     return areas

@@ -29,7 +29,7 @@ from scipy.linalg import lapack
 
 from physics.contact.points import merged, points_of
 from physics.mesh.cell import CELLS
-from physics.mesh.mesh import Mesh, kind_of, unique_edges
+from physics.mesh.mesh import Mesh, unique_edges
 from physics.schema import InputError
 
 Floats = NDArray[np.float64]
@@ -58,12 +58,12 @@ class ContactSurface:
 
         A quadrilateral has nine points, a triangle six and the side of a plane cell three, or, where the longest facet is longer than
         the obstacle is wide, so many more that two points are nowhere further apart along an edge than half of the width. Facets of
-        second order have them on each of the four parts between their nodes.
+        second order have them on each of the four parts between their nodes, sides of plane cells on both halves.
 
         Raises:
             InputError: the obstacle is so thin that it could pass between the points
         """
-        corners = [facets[:, :CELLS[kind_of(facets)].corners] for facets in mesh.boundary if len(facets)]
+        corners = [facets[:, :CELLS[mesh.kind_of(facets)].corners] for facets in mesh.boundary if len(facets)]
         longest = max(float(np.linalg.norm(mesh.points[facets] - mesh.points[np.roll(facets, 1, axis=1)], axis=2).max())
                       for facets in corners)
         divisions = int(np.ceil(longest / width * (1 - 1e-9))) or 1

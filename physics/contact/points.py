@@ -12,7 +12,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from physics.mesh.cell import CELLS, Cell
-from physics.mesh.mesh import Mesh, kind_of
+from physics.mesh.mesh import Mesh
 
 Floats = NDArray[np.float64]
 
@@ -25,11 +25,13 @@ def points_of(mesh: Mesh, divisions: int) -> tuple[NDArray[np.int64], NDArray[np
     line, along = _simpson(divisions)
     rules = {4: _on_quadrilateral(divisions), 3: _on_triangle(divisions), 2: (line, along / (6 * divisions))}
     for facets in mesh.boundary:
-        kind = CELLS[kind_of(facets)]
+        kind = CELLS[mesh.kind_of(facets)]
         shape, share = rules[kind.corners]
         corner = mesh.points[facets]
         if kind.middles:
             shape, tangents = _of_second_order(kind, shape, corner)
+            if mesh.dimension == 2:
+                tangents[:, :, 1, 2] = mesh.thickness
             size = np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=2) * kind.weights.sum()
         elif facets.shape[1] == 2:
             size = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1) * mesh.thickness

@@ -57,13 +57,12 @@ class Balance:
         """Args: method, spread: of the linear algebra, as in `factor.solver_for`.
 
         Raises:
-            InputError: the body is free to move, of plane cells of second order, or the obstacle starts inside of it
+            InputError: the body is free to move, of prisms of second order, or the obstacle starts inside of it
         """
         if mesh.dimension == 2:
             check_plane(scene)
         if scene.body.order == 2 and not CELLS[mesh.cell].middles:
-            raise InputError(f"body.order = 2: {CELLS[mesh.cell].plural} are solved at first order only, and have modes at second; "
-                             "leave it out, or take tetrahedra or hexahedra")
+            raise InputError(f"body.order = 2: {CELLS[mesh.cell].plural} are of first order only; take tetrahedra or hexahedra")
         mesh = across(mesh, scene.body)
         self.scene, self.mesh, self.size, self.method, self.spread = scene, mesh, cell_size(mesh), method, spread
         self.thin = float(mesh.extent.min())  # [m]

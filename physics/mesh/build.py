@@ -16,7 +16,7 @@ from physics.scene import PLANE_CELLS, Body
 
 
 def build_mesh(body: Body) -> Mesh:
-    """The mesh of a body, built or read; of a solid of order 2 it has second-order cells. Raises `InputError` when a file is not sound."""
+    """The mesh of a body, built or read; of order 2 it has second-order cells. Raises `InputError` when a file is not sound."""
     if body.shape == "file":
         assert body.path is not None
         mesh = read_mesh(body.path, order=body.order, scale=body.scale)
@@ -30,8 +30,8 @@ def build_mesh(body: Body) -> Mesh:
 
 
 def of_order(mesh: Mesh, body: Body) -> Mesh:
-    """The mesh with cells of second order where a solid body asks for them and it has none."""
-    return second_order(mesh) if body.order == 2 and mesh.dimension == 3 and mesh.cell in SECOND else mesh
+    """The mesh with cells of second order where a body asks for them and it has none."""
+    return second_order(mesh) if body.order == 2 and mesh.cell in SECOND else mesh
 
 
 def across(mesh: Mesh, body: Body) -> Mesh:

@@ -16,10 +16,11 @@ Cells of second order have further nodes behind their corners, in VTK's order: i
 squares and of the cell. With l = (1 - r - s - t, r, s, t) and the quadratic functions of one coordinate that are 1 at 0, 1/2 or 1,
 
     tetrahedron10, triangle6         corners l_i (2 l_i - 1), middles 4 l_i l_j
-    hexahedron27, quadrilateral9     (1 - x)(1 - 2 x), 4 x (1 - x) or x (2 x - 1) of each coordinate x
+    hexahedron27, quadrilateral9     (1 - x)(1 - 2 x), 4 x (1 - x) or x (2 x - 1) of each coordinate x; line3, their edge, of one
 
 A hexahedron of 20 nodes has corners that push the wrong way under an even pressure, and loses an order where it is distorted; so 27. The
-rules are exact for degree 2 in a tetrahedron (its strain is linear), degree 4 in a triangle and degree 5 in each coordinate of the others.
+rules are exact for degree 2 in a tetrahedron (its strain is linear), degree 4 in a triangle and degree 5 in each coordinate of the others:
+in plane cells enough for curved sides too, where gradients and shape functions times det J are of degree 4 in a triangle at most.
 Legend: n nodes of a cell, of first order its corners, P points.
 """
 
@@ -155,7 +156,7 @@ def _tensor(places: Floats, r: Floats, s: Floats, t: Floats) -> tuple[list[Any],
 
 _FIRST = (
     Cell("vertex", "vertices", 0, 1, 1, "vertex"),
-    Cell("line", "lines", 1, 2, 3, "line"),
+    Cell("line", "lines", 1, 2, 3, "line", edges=((0, 1),)),
     Cell("triangle", "triangles", 2, 3, 5, "triangle", edges=((0, 1), (1, 2), (2, 0)), facets=((0, 1), (1, 2), (2, 0)), mirrored=(0, 2, 1),
          shape_functions=_triangle, points=np.array([(1 / 3, 1 / 3, 0.0)]), weights=np.array([1 / 2])),
     Cell("quadrilateral", "quadrilaterals", 2, 4, 9, "quad", edges=((0, 1), (1, 2), (2, 3), (3, 0)),
@@ -191,10 +192,12 @@ def _second(name: str, plural: str, vtk: int, meshio: str, middles: Corners, poi
         pairs = list(combinations(middles, 2))
         inner = [pair for pair in pairs if not set(pair[0]) & set(pair[1])][:1]
         edges += [(at[frozenset(one)], at[frozenset(other)]) for one, other in pairs if set(one) & set(other) or (one, other) in inner]
-    around = [(*facet, *(at[frozenset(pair)] for pair in zip(facet, facet[1:] + facet[:1], strict=True)),
-               *(at[frozenset(facet)] for _ in range(len(facet) == 4))) for facet in (first.facets if first.dimension == 3 else ())]
+    rims = [(facet, list(zip(facet, facet[1:] + facet[:1], strict=True)) if len(facet) > 2 else [facet]) for facet in first.facets]
+    around = [(*facet, *(at[frozenset(pair)] for pair in rim), *(at[frozenset(facet)] for _ in range(len(facet) == 4)))
+              for facet, rim in rims]
     simplex = first.name in ("triangle", "tetrahedron")
-    places = np.array([CORNERS[first.name][list(of)].mean(axis=0) for of in (*((i,) for i in range(first.corners)), *middles)])
+    corners = CORNERS.get(first.name, np.array(_SIMPLEX[:2], float))  # or those of a line
+    places = np.array([corners[list(of)].mean(axis=0) for of in (*((i,) for i in range(first.corners)), *middles)])
     return Cell(name, plural, first.dimension, first.corners, vtk, meshio, tuple(edges), tuple(around),
                 shape_functions=partial(_simplex, middles) if simplex else partial(_tensor, places[:, :first.dimension]),
                 points=points, weights=weights, first=first.name, middles=middles, places=places)
@@ -203,7 +206,7 @@ def _second(name: str, plural: str, vtk: int, meshio: str, middles: Corners, poi
 def _gauss(dimension: int) -> tuple[Floats, Floats]:
     """Three points along each coordinate."""
     x, w = np.array([0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5]), np.array([5, 8, 5]) / 18
-    points = np.array([(*place, 0.0)[:3] for place in product(x, repeat=dimension)])
+    points = np.array([(*place, 0.0, 0.0)[:3] for place in product(x, repeat=dimension)])
     return points, np.array([np.prod(each) for each in product(w, repeat=dimension)])
 
 
@@ -227,6 +230,7 @@ _TRIANGLE6 = _orbits(2, (0.44594849091596489, 0.22338158967801147 / 2), (0.09157
 _FACES = ((3, 0, 4, 7), (1, 2, 6, 5), (0, 1, 5, 4), (2, 3, 7, 6), (0, 3, 2, 1), (4, 5, 6, 7))  # of a hexahedron, as VTK counts them
 _EDGES = {cell.name: cell.edges for cell in _FIRST}
 _SECOND = (
+    _second("line3", "lines of 3 nodes", 21, "line3", _EDGES["line"], *_gauss(1)),
     _second("triangle6", "triangles of 6 nodes", 22, "triangle6", _EDGES["triangle"], *_TRIANGLE6),
     _second("quadrilateral9", "quadrilaterals of 9 nodes", 28, "quad9", (*_EDGES["quadrilateral"], (0, 1, 2, 3)), *_gauss(2)),
     _second("tetrahedron10", "tetrahedra of 10 nodes", 24, "tetra10", _EDGES["tetrahedron"], *TETRAHEDRON),
@@ -236,5 +240,5 @@ _ALL = (*_FIRST, *_SECOND)
 CELLS = {cell.name: cell for cell in _ALL}
 SECOND = {cell.first: cell.name for cell in _SECOND}
 # What a trajectory is made of.
-OF_VTK = {cell.vtk: cell for cell in _ALL if cell.dimension == 3 or (cell.dimension == 2 and not cell.middles)}
+OF_VTK = {cell.vtk: cell for cell in _ALL if cell.dimension > 1}
 OF_MESHIO = {cell.meshio: cell for cell in _FIRST}

@@ -34,7 +34,7 @@ class Mesh:
 
     points: (N, 3) rest positions [m]
     cells: (C, k) node numbers
-    cell: triangle, quadrilateral, tetrahedron, prism or hexahedron; of second order tetrahedron10 or hexahedron27
+    cell: triangle, quadrilateral, tetrahedron, prism or hexahedron; of second order one of `SECOND` in cell.py
     places: sorted node numbers of each named place
     parts: what each place of a file is made of; without it a place is made of the outer facets between its nodes
     remarks: what was found odd when the mesh was read, a line each
@@ -68,6 +68,10 @@ class Mesh:
         """(D,) how large the body is along x, y and, unless it is plane, z [m]."""
         return np.ptp(self.points, axis=0)[:self.dimension]
 
+    def kind_of(self, facets: Integers) -> str:
+        """The kind of facets (F, k) of this body: three nodes are a triangle, or of a plane body a line with its middle."""
+        return next(name for name, cell in CELLS.items() if (cell.dimension, cell.nodes) == (self.dimension - 1, facets.shape[1]))
+
     @cached_property
     def boundary(self) -> list[Integers]:
         """Outer facets, outward by the right-hand rule: one array (F, k) for each number of corners k, if there are any."""
@@ -93,12 +97,10 @@ class Mesh:
     def surface(self) -> list[Integers]:
         """What can be seen: the outer facets of a solid body, (F, 3) triangles and (F, 4) quadrilaterals; of a plane one all cells.
 
-        Of second order these are four for each facet, between all of its nodes.
+        Of second order these are four for each facet, or plane cell, between all of its nodes.
         """
-        if self.dimension == 2:
-            return [self.cells]
         return [np.concatenate([facets[:, list(part)] for part in QUARTERS[facets.shape[1]]]) if facets.shape[1] in QUARTERS else facets
-                for facets in self.boundary]
+                for facets in (self.boundary if self.dimension == 3 else [self.cells])]
 
     @cached_property
     def edges(self) -> Integers:
@@ -162,14 +164,9 @@ class Mesh:
             return first
         inside = np.zeros(len(self.points), bool)
         inside[nodes] = True
-        outer: Parts = [(kind_of(facets), facets[inside[facets].any(axis=1)]) for facets in self.boundary]
+        outer: Parts = [(self.kind_of(facets), facets[inside[facets].any(axis=1)]) for facets in self.boundary]
         between = {k: rows[inside[rows].all(axis=1)] for k, rows in closure(outer).items()}
         return between | {1: nodes[:, None]}
-
-
-def kind_of(facets: Integers) -> str:
-    """The kind of facets (F, k)."""
-    return {2: "line", 3: "triangle", 4: "quadrilateral", 6: "triangle6", 9: "quadrilateral9"}[facets.shape[1]]
 
 
 def closure(parts: Parts) -> Entities:

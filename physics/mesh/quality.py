@@ -87,17 +87,18 @@ def _gaps(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats]:
 def cell_volumes(points: ArrayLike, cells: Integers, cell: str) -> Floats:
     """(..., C) volume [m^3], negative where a cell is turned inside out; of plane cells the area [m^2], which has no sign.
 
-    The volume of the isoparametric map, integrated exactly: det J is of degree 2 at most in each coordinate.
+    The volume of the isoparametric map, integrated exactly: det J is of degree 2 at most in each coordinate, of second order 5.
     """
     positions = np.asarray(points, np.float64)
-    if CELLS[cell].dimension == 2:
+    if CELLS[cell].dimension == 2 and not CELLS[cell].middles:
         corners = positions[..., cells, :]  # (..., C, n, 3)
         one, other = (corners[..., 1, :], corners[..., 2, :]) if cell == "triangle" else (corners[..., 2, :], corners[..., 3, :])
         return np.linalg.norm(np.cross(one - corners[..., 0, :], other - corners[..., cells.shape[1] - 3, :]), axis=-1) / 2
     weights = _samples(cell)[1]
     kept = np.flatnonzero(weights)
     chunks = [np.tensordot(weights[kept], part, 1) for part in _jacobians(positions, cells, cell, kept)]  # each (C, t)
-    return _by_frame(chunks, positions)
+    volumes = _by_frame(chunks, positions)
+    return volumes if CELLS[cell].dimension == 3 else abs(volumes)
 
 
 def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str) -> Floats:
@@ -105,8 +106,8 @@ def det_f(points: ArrayLike, displacement: ArrayLike, cells: Integers, cell: str
 
     J is the Jacobian of the isoparametric map, X = points (N, 3) the rest positions, x = X + displacement (..., N, 3) [m]. Plane
     cells are looked at from z: J is that of x and y.
-    The quadrature points are those of degree 2; of cells of second order, where all nodes count, those of degree 3 in a tetrahedron and
-    5 in a hexahedron: in a hexahedron 2 x 2 x 2 Gauss points, in a prism the heights of the two
+    The quadrature points are those of degree 2; of cells of second order, where all nodes count, those of degree 3 in a tetrahedron,
+    4 in a triangle and 5 in the others: in a hexahedron of first order 2 x 2 x 2 Gauss points, in a prism the heights of the two
     Gauss points at the triangle's vertices (det J is linear across the triangle, so this bounds all points at that height).
     """
     x = np.asarray(points, np.float64) + np.asarray(displacement, np.float64)

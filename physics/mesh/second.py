@@ -1,7 +1,7 @@
 """A mesh of first order made one of second order, whose cells have nodes in the middles of their edges too, and back.
 
 The corners come first, as the mesh of first order numbers them. A middle node lies where a file had it (sound/curved.py), else in the
-middle of a straight edge. What was made of triangles is made of such with six nodes, and lines are made of their halves.
+middle of a straight edge. What was made of triangles is made of such with six nodes, what was made of lines of such with three.
 
 Legend: N nodes, C cells, n nodes of a cell, k corners of an entity.
 """
@@ -26,7 +26,7 @@ STRAIGHT = 1e-9  # of an edge's length: what rounding leaves
 
 
 def second_order(mesh: Mesh) -> Mesh:
-    """The mesh with tetrahedra of 10 or hexahedra of 27 nodes, its places with the middles of what they are made of."""
+    """The mesh with cells of second order, its places with the middles of what they are made of."""
     cell = CELLS[SECOND[mesh.cell]]
     middles = complete(mesh.points, mesh.cells, mesh.cell, mesh.middles)
     points, inside = table(mesh.points, mesh.cells, middles, list(cell.middles))
@@ -40,10 +40,6 @@ def second_order(mesh: Mesh) -> Mesh:
         return np.where(row < 0, -1, first[rows.shape[1]] + row)
 
     def made_of(kind: str, rows: Integers) -> tuple[str, Integers]:
-        if kind == "line":
-            between = number(rows)
-            halves = np.concatenate([np.stack([rows[:, i], between], axis=1) for i in (0, 1)])
-            return kind, halves[halves[:, 1] >= 0]
         if kind not in SECOND:
             return kind, rows
         more = [number(rows[:, list(local)]) for local in CELLS[SECOND[kind]].middles]
@@ -66,12 +62,7 @@ def corners_only(mesh: Mesh) -> Mesh:
     cell = CELLS[mesh.cell]
     cells = mesh.cells[:, :cell.corners]
     count = int(cells.max()) + 1
-    parts = {name: [(CELLS[kind].first or kind, rows[:, :CELLS[kind].corners]) for kind, rows in made if kind != "line"]
-             for name, made in mesh.parts.items()}
-    for name, made in mesh.parts.items():  # halves of lines, joined at their middles
-        for rows in (rows for kind, rows in made if kind == "line"):
-            first, second = rows[:len(rows) // 2], rows[len(rows) // 2:]
-            parts[name].append(("line", np.stack([first[:, 0], second[:, 0]], axis=1)))
+    parts = {name: [(CELLS[kind].first or kind, rows[:, :CELLS[kind].corners]) for kind, rows in made] for name, made in mesh.parts.items()}
     places = {name: nodes[nodes < count] for name, nodes in mesh.places.items()}
     return replace(mesh, points=mesh.points[:count], cells=cells, cell=cell.first, places=places, parts=parts)
 

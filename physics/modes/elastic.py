@@ -112,7 +112,7 @@ def elastic_modes(scene: Scene, *, count: int = 10, mesh: Mesh | None = None, sp
     problem, space = elastic_problem(scene, mesh, spread=spread)
     loaded: tuple[str, ...] = ()
     if at is not None:
-        problem, space, loaded = _at(problem, scene, mesh, at, spread)
+        problem, space, loaded = _at(problem, space, scene, mesh, at, spread)
     dofs = space.comm.allreduce(int(problem.free.sum()))
     if count > dofs:
         raise InputError(f"{count} modes asked for, the body has {dofs} free components")
@@ -200,13 +200,21 @@ def _orthotropic_form(space: fem.Space, scene: Scene, mesh: Mesh) -> Any:
     return density * ufl.dx(metadata={"quadrature_degree": space.degrees[0]})
 
 
-def _at(problem: Problem, scene: Scene, mesh: Mesh, at: tuple[Floats, float], spread: bool) -> tuple[Problem, fem.Space, tuple[str, ...]]:
-    """A problem of the body at rest, made that of a loaded state, its space, and a remark."""
+def _at(problem: Problem, space: fem.Space, scene: Scene, mesh: Mesh, at: tuple[Floats, float],
+        spread: bool) -> tuple[Problem, fem.Space, tuple[str, ...]]:
+    """A problem of the body at rest, made that of a loaded state, its space, and a remark. Of a plane body per metre, in its plane."""
     if spread:
         raise InputError("modes of a loaded body are found by one process; leave mpirun out")
     for matrix in (problem.stiffness, problem.mass):
         matrix.destroy()
-    stiffness, space, said = loaded_stiffness(scene, mesh, *at)
+    stiffness, whole, said = loaded_stiffness(scene, mesh, *at)
+    if mesh.dimension == 2:
+        inside = fem.PETSc.IS().createGeneral(whole.dofs[space.nodes, :2].ravel().astype(np.int32))
+        stiffness, of_all = stiffness.createSubMatrix(inside, inside), stiffness
+        of_all.destroy()
+        stiffness.scale(1 / (scene.body.thickness or 1.0))
+    else:
+        space = whole
     return replace(problem, stiffness=stiffness, mass=fem.mass_matrix(space, _density(scene, mesh), stiffness)), space, (said,)
 
 

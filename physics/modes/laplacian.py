@@ -24,7 +24,7 @@ from physics.linalg.eigen.lowest import lowest_pairs
 from physics.linalg.eigen.pairs import Problem, clusters
 from physics.mesh.build import build_mesh
 from physics.mesh.cell import CELLS
-from physics.mesh.mesh import Mesh, Parts, closure, kind_of, pieces
+from physics.mesh.mesh import Mesh, Parts, closure, pieces
 from physics.mesh.sound.rows import rows_in
 from physics.modes.elastic import remarks
 from physics.scene import Body
@@ -120,5 +120,5 @@ def _held(mesh: Mesh, dirichlet: Sequence[str] | None) -> tuple[tuple[str, ...],
         for name in open_ends:
             known = mesh.entities(name).get(facets.shape[1], facets[:0])
             facets = facets[~rows_in(facets, known)]
-        outer.append((kind_of(facets), facets))
+        outer.append((mesh.kind_of(facets), facets))
     return ("the whole boundary" + "".join(f" but {name}" for name in open_ends),), [closure(outer)]

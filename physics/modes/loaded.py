@@ -39,7 +39,7 @@ def loaded_stiffness(scene: Scene, mesh: Mesh, u: Floats, fraction: float) -> tu
         a matrix that the caller destroys; held rows and columns are those of the identity
 
     Raises:
-        InputError: the law has no tangent but that of rest, the body is in motion or plane of second order, or free to move
+        InputError: the law has no tangent but that of rest, the body is in motion or free to move
         NoEquilibrium: there is no stable equilibrium beside the state
     """
     if scene.linear:

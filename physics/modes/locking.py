@@ -55,7 +55,7 @@ def said_of_path(scene: Scene, mesh: Mesh, displacement: Floats, energy: Floats,
         return _said_of_volume(scene, mesh)
     reduced = mesh.cell == "prism" and scene.body.shape == "beam" and scene.body.extent[0] >= max(scene.body.extent[1:])
     second = "tetrahedra or hexahedra of order 2" if mesh.cell == "prism" else "body.order = 2"
-    other = (', or body.element = "reduced"' if reduced else "") + (f", or {second}" if mesh.dimension == 3 else "")
+    other = (', or body.element = "reduced"' if reduced else "") + f", or {second}"
     return (f"cells of first order resist too stiffly here: at step {step} the body by about {100 * stiff:.0f} %, so it moves too little "
             f"or pushes back too hard; take smaller cells{other}",)
 

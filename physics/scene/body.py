@@ -40,7 +40,7 @@ class Body:
 
     A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. Its cells are even, or get shorter towards
     the faces that they are `graded` to (mesh/shapes/boxes.py), clamped ones, at whose edges strain has no limit. `order` 2 has
-    quadratic displacements, in tetrahedra of 10 and hexahedra of 27 nodes (not for prisms, and of plane cells for modes only); cells
+    quadratic displacements, in tetrahedra of 10, hexahedra of 27, triangles of 6 and quadrilaterals of 9 nodes (not for prisms); cells
     of second order in a file then keep their curved sides. A plane body deforms in its plane, either with no strain across it (plane
     = "strain", the default: a slice of a long body) or with no stress ("stress": a thin sheet); `thickness` is its extent across [m].
 
@@ -53,7 +53,7 @@ class Body:
     cell_size: their edges, about
     graded: faces towards which cells get shorter
     cell: their kind
-    order: of the displacement in a cell
+    order: of the displacement in a cell; of prisms 1
     element: how cells are sampled
     outline: of a panel, points (x, y)
     holes: of a panel, each (x, y, radius)
