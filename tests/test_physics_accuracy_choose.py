@@ -6,12 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from physics.accuracy import pilot
 from physics.accuracy.choose import choose
 from physics.accuracy.estimate import distance
 from physics.accuracy.ladder import families, points_of
 from physics.accuracy.table import HEADS, judge
 from physics.mesh.build import build_mesh
-from physics.scene import Scene, read_scene
+from physics.mesh.files import write_mesh
+from physics.mesh.shapes.boxes import box
+from physics.scene import Body, Scene, read_scene
 from physics.schema import InputError
 from physics.solution import solve
 from tests.scenes import beam
@@ -148,3 +151,15 @@ def test_a_scene_that_asks_is_written_and_read_back_and_one_that_does_not_says_n
     plane = read_scene({"body": {"shape": "plate", "length": 1.0, "width": 1.0, "cell": "triangle"}, "steps": {"error": 0.1},
                         "material": {"young_modulus": 1e6, "poisson_ratio": 0.3}})
     assert Scene.from_toml(plane.to_toml()) == plane and families(plane)[0].axes == ("x", "y")
+
+
+def test_a_scene_that_no_mesh_mends_is_refused_before_its_meshes_are_too_large(tmp_path, monkeypatch):
+    """A file's 24 nodes, hinged at an edge: of its halves' some 100 and 500 nodes the first are tried, the others are more than 300."""
+    write_mesh(tmp_path / "box.vtu", box(Body(length=0.06, width=0.02, height=0.01, cells=(3, 2, 1), cell="tetrahedron")), {})
+    scene = asked(body={"shape": "file", "path": str(tmp_path / "box.vtu")}, support=[{"where": {"box": [[0, 0, 0], [1e-6, 1, 1e-6]]}}],
+                  load=[{"acceleration": [0, 0, -1.0]}])
+    tried = []
+    monkeypatch.setattr(pilot, "solve", lambda scene, mesh, **_: tried.append(len(mesh.points)) or solve(scene, mesh=mesh))
+    with pytest.raises(InputError, match="1 rigid motion of the body left free"):
+        choose(scene, most=300)
+    assert max(tried) <= 300 and len(tried) == 3

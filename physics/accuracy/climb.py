@@ -154,22 +154,23 @@ class Climb:
     def _begin(self) -> None:
         """Solve the coarsest mesh that can hold the scene: its obstacle and its places by coordinates may be too small for coarser ones.
 
-        Where another order of cells has an equilibrium and this one has none, nothing finer is tried.
+        Where another order of cells has an equilibrium and this one has none, nothing finer is tried, and nothing with too many nodes.
         """
-        refused: NoEquilibrium | InputError | None = None
-        for _ in range(1 + COARSEST):
+        refused: list[NoEquilibrium | InputError] = []
+        while True:
             try:
                 self.pilots(self.family, self.sizes)
                 break
             except (InputError, NoEquilibrium) as error:
-                refused = refused or error
+                refused.append(error)
                 if isinstance(error, NoEquilibrium) and (self.pilots.solved(1) or self.pilots.solved(2)):
                     raise
-                for axis in range(len(self.sizes)):
-                    self.sizes = self.family.after(self.sizes, axis)
-        else:
-            assert refused is not None
-            raise refused
+            finer = self.sizes
+            for axis in range(len(finer)):
+                finer = self.family.after(finer, axis)
+            if len(refused) > COARSEST or (self.nodes(finer) or len(self.family.rung(finer)[1].points)) > self.most:
+                raise refused[0]
+            self.sizes = finer
         self._fine = [1.0]
         try:
             self.error, self.how, self.order = self._look(), "assumed", FIRST[self.pilots.quantity]
