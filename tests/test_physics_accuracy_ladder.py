@@ -60,6 +60,7 @@ def test_boxes_are_graded_to_faces_that_are_clamped_and_to_none_under_an_obstacl
 
     assert graded(("x-max", "xyz"), ("x-min", "xyz")) == ("x-min", "x-max")
     assert graded(("z-max", "xyz"), ("x-min", "xy")) == ("z-max",) and graded(("x-min", "xy"), ("y-min", "xyz")) == ("y-min",)
+    assert graded(("x-min", "xy"), ("x-min", "z"), ("x-max", "y"), ("y-max", "x")) == ("x-min",)
     assert graded(("x-min z-min", "xyz")) is None
     plane = {"shape": "plate", "length": 0.06, "width": 0.02, "cell": "triangle"}
     assert graded(("x-min", "xy"), ("x-max", "x"), body=plane) == ("x-min",)

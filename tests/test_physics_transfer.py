@@ -33,6 +33,14 @@ def test_interpolation_is_exact_for_linear_fields_and_at_the_nodes(cell):
         interpolate(coarse, linear, np.array([[0.05, 0.01, 0.01], [0.05, 0.01, 0.031]]))
 
 
+def test_points_in_long_cells_beside_short_ones_are_found():
+    """Graded to four faces: among the cells whose centres are nearest may be none that holds a point."""
+    mesh = build_mesh(Body(length=0.04, width=0.24, height=0.01, cells=(4, 5, 4), cell="tetrahedron",
+                           graded=("x-min", "y-min", "y-max", "z-min", "z-max")))
+    points = np.random.default_rng(3).uniform(0, 1, (5000, 3)) * [0.04, 0.24, 0.01]
+    np.testing.assert_allclose(interpolate(mesh, mesh.points[None], points)[0], points, atol=1e-13)
+
+
 def test_interpolation_within_a_prism_is_linear_along_it_and_across_it():
     mesh = beam("prism", (1, 1, 1))
     field = np.zeros((1, len(mesh.points), 3))

@@ -165,10 +165,10 @@ def families(scene: Scene) -> list[MeshFamily]:
 
 
 def _clamped(scene: Scene) -> tuple[str, ...]:
-    """The faces of a box that are held in all directions; none under an obstacle, where cells should not be longer."""
+    """The faces of a box that its supports hold in all directions; none under an obstacle, where cells should not be longer."""
     plane = scene.body.cell in PLANE_CELLS
-    held = {support.where for support in scene.support if set(support.fixed) >= set("xy" if plane else "xyz")}
-    return tuple(face for face in PLACES if face in held and not scene.obstacles)
+    held = {face: {axis for support in scene.support if support.where == face for axis in support.fixed} for face in PLACES}
+    return tuple(face for face in PLACES if held[face] >= set("xy" if plane else "xyz") and not scene.obstacles)
 
 
 def meshed(scene: Scene) -> list[Scene]:

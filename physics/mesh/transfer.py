@@ -17,6 +17,7 @@ from physics.mesh.mesh import Mesh
 Floats = NDArray[np.floating[Any]]
 Integers = NDArray[np.int64]
 CANDIDATES, NEWTON_STEPS = 24, 6
+MORE, PART = 8 * CANDIDATES, 500  # tried for points in none of these, for so many points at a time
 CLOSE, INSIDE = 1e-9, 1e-8  # of a cell's size
 
 
@@ -25,7 +26,7 @@ def interpolate(mesh: Mesh, displacement: Floats, points: Floats, outside_by: fl
     """(T, M, 3) displacements at other rest points (M, 3), by the shape functions of the cell that holds each of them.
 
     The cell is sought among the `candidates` with the nearest centres (of even boxes one is enough), first among `few` of them where that
-    is given: of cells that share a point any may then be taken.
+    is given: of cells that share a point any may then be taken. Points in none of these are sought among more.
     (vtkProbeFilter of VTK 9.7.2 takes some points on the faces of prisms from outside of a wrong prism.)
     Raises ValueError when a point lies in no cell by more than `outside_by` of the cell's size; what lies outside is extrapolated.
     """
@@ -46,6 +47,10 @@ def located(mesh: Mesh, points: Floats, outside_by: float = 1e-6, candidates: in
     outside, nodes, weights = _located(mesh, points, few or candidates, 0.0 if few is None else CLOSE, layered)
     if few is not None and len(left := np.flatnonzero(outside > INSIDE)):
         outside[left], nodes[left], weights[left] = _located(mesh, points[left], candidates, CLOSE, layered)
+    farther = np.flatnonzero(outside > outside_by)  # beside a long cell short ones may be nearer to a point than the one that holds it
+    for first in range(0, len(farther), PART):
+        left = farther[first:first + PART]
+        outside[left], nodes[left], weights[left] = _located(mesh, points[left], MORE, CLOSE, layered)
     if (lost := int((outside > outside_by).sum())):
         raise ValueError(f"{lost} of {len(points)} points lie outside of the mesh to interpolate from")
     return nodes, weights

@@ -129,8 +129,8 @@ def check_body(body: Body, given: dict[str, Any], *, chosen: bool = False) -> No
                          f"{body.cell!r}; leave it out")
     if body.element == "reduced" and body.order == 2:
         raise InputError("body.element = \"reduced\": for cells of first order only; leave it or order = 2 out")
-    if body.graded is not None and (wrong := set(body.graded) - set(body.places or ())):
-        raise InputError(f"body.graded: {kind} has no {wrong.pop()}, but {', '.join(body.places or ())}")
+    if wrong := [face for face in body.graded or () if face not in (body.places or ())]:
+        raise InputError(f"body.graded: {kind} has no {wrong[0]}, but {', '.join(body.places or ())}")
     if body.shape == "panel":
         _check_panel(body, chosen=chosen)
     if chosen:
