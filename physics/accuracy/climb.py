@@ -27,6 +27,7 @@ from physics.equilibrium.state import NoEquilibrium
 from physics.schema import InputError
 
 USUAL = {1: 1.5, 2: 2.0}  # order of the error of cells of first and second order, with supports and contact
+STRESS = 0.5  # by which that of the stress is lower, as far as two meshes are to be believed
 NEAREST, FARTHEST = 1.3, 2.0  # times finer is the next mesh
 SHORTER = 1.15  # a step that has too many nodes
 AIM = 0.9  # of the target, as numbers of cells are whole
@@ -215,7 +216,8 @@ class Climb:
         if len(self._differences) == 1:
             size = norm(after.values, self.pilots.weights)
             alone = [(ratio, off / size) for ratio, off in self._alone]
-            found = looked(alone, times, self._differences[0], usual, quantity, self.pilots.weights)
+            found = looked(alone, times, self._differences[0], usual - STRESS * (quantity == "stress"), quantity,
+                           self.pilots.weights)
         else:
             found = estimate(self._fine, self._differences, highest - (quantity == "stress"), quantity)
         self.error, self.order, self.how = found.error, found.order, found.how
