@@ -3,7 +3,7 @@
 Nodes of the boundary are set first, spaced by `cell_size`; those inside begin on a lattice of equilateral triangles, away from the
 boundary, and then move to the middle of their neighbours in Delaunay's triangulation, again and again. There is nothing random in it.
 Each layer of prisms stands on the one below, and a prism is cut into three tetrahedra (boxes.py). Of second order the sides of these on
-a hole are curved, their middles as far from its axis as their ends, unless that turned a cell over.
+a hole are curved, their middles as far from its axis as their ends, unless that turned their cell over.
 
     places: z-min and z-max, edge-1, edge-2, ... of the outline as it is given, hole-1, hole-2, ...
 """
@@ -15,10 +15,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import Delaunay
 
-from physics.mesh.mesh import Floats, Integers, Mesh
+from physics.mesh.mesh import Floats, Integers, Mesh, unique_edges
 from physics.mesh.shapes.boxes import tetrahedra
 from physics.mesh.shapes.graded import quality
 from physics.mesh.sound.curved import complete, smallest_jacobian
+from physics.mesh.sound.rows import rows_in
 from physics.scene import Body
 from physics.schema import InputError
 
@@ -63,7 +64,8 @@ def panel(body: Body) -> Mesh:
 def _rounded(mesh: Mesh, holes: Floats, rims: list[Integers], n: int) -> Mesh:
     """The panel with the middles of its curved cells of second order, from the nodes around each hole among the n of a layer."""
     edges = mesh.edges
-    middles = mesh.points[edges].mean(axis=1)
+    straight = mesh.points[edges].mean(axis=1)
+    middles = straight.copy()
     for (*axis, radius), rim in zip(holes, rims, strict=True):
         along = np.full(n, -len(mesh.points))
         along[rim] = np.arange(len(rim))
@@ -71,11 +73,16 @@ def _rounded(mesh: Mesh, holes: Floats, rims: list[Integers], n: int) -> Mesh:
         beside = (np.minimum(a, b) >= 0) & np.isin((a - b) % len(rim), (1, len(rim) - 1))
         away = middles[beside, :2] - axis
         middles[beside, :2] = axis + radius * away / np.hypot(*away.T)[:, None]
-    found = complete(mesh.points, mesh.cells, mesh.cell, {2: (edges, middles)})
-    if smallest_jacobian(mesh.points, mesh.cells, mesh.cell, found).min() <= 0:
-        return replace(mesh, remarks=(*mesh.remarks, "the sides of cells on holes are left straight: curved ones would turn cells over; "
-                                                     "take a smaller cell_size"))
-    return replace(mesh, middles=found)
+    left = 0
+    while True:
+        found = complete(mesh.points, mesh.cells, mesh.cell, {2: (edges, middles)})
+        over = smallest_jacobian(mesh.points, mesh.cells, mesh.cell, found) <= 0
+        if not over.any():
+            break
+        flat = rows_in(edges, unique_edges(mesh.cells[over], mesh.cell)) & (middles != straight).any(axis=1)
+        middles[flat], left = straight[flat], left + int(flat.sum())
+    said = (f"{left} sides of cells on holes are left straight: curved they would turn cells over; take another cell_size",) if left else ()
+    return replace(mesh, middles=found, remarks=(*mesh.remarks, *said))
 
 
 def _layers(points: Floats, cells: Integers, body: Body, rims: dict[str, Integers]) -> Mesh:
