@@ -165,10 +165,12 @@ def families(scene: Scene) -> list[MeshFamily]:
 
 
 def _clamped(scene: Scene) -> tuple[str, ...]:
-    """The faces of a box that its supports hold in all directions; none under an obstacle, where cells should not be longer."""
+    """The faces of a box that its supports hold in all directions; none where an obstacle or a support elsewhere bears it too, for cells
+    should not be longer there."""
     plane = scene.body.cell in PLANE_CELLS
     held = {face: {axis for support in scene.support if support.where == face for axis in support.fixed} for face in PLACES}
-    return tuple(face for face in PLACES if held[face] >= set("xy" if plane else "xyz") and not scene.obstacles)
+    clamped = tuple(face for face in PLACES if held[face] >= set("xy" if plane else "xyz"))
+    return clamped if not scene.obstacles and all(support.where in clamped for support in scene.support) else ()
 
 
 def meshed(scene: Scene) -> list[Scene]:
