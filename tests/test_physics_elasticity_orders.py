@@ -1,19 +1,11 @@
-"""Orders of convergence at finite strain, of both orders of cells, against a displacement that is known because it was chosen.
-
-Of a chosen u the first Piola-Kirchhoff stress P(u) is written down by hand; loads b_a = integral of P : grad N_a then hold the body at u.
-With every outer node led as u says, displacements are off by h^(p + 1) in the mean square, the potential by h^(2 p).
-"""
+"""Orders of convergence at finite strain, of both orders of cells, against a displacement that is known because it was chosen."""
 
 import numpy as np
 import pytest
-import scipy.sparse.linalg
 
-from physics.body.elasticity import Elasticity
 from physics.mesh.build import build_mesh
-from physics.mesh.cell import CELLS
-from physics.scene import Body, Material
-
-LAMBDA, MU = 1.2, 0.8  # of E = 2.08, nu = 0.3
+from physics.scene import Body
+from tests.chosen_displacement import errors_against
 
 
 def chosen(x):
@@ -41,37 +33,8 @@ def rule(cell):
 def errors(cell, order, n):
     """Of the displacement, root of the mean square, and of the potential."""
     mesh = build_mesh(Body(length=1.0, width=1.0, height=1.0, cells=(n, n, n), cell=cell, order=order))
-    young = MU * (3 * LAMBDA + 2 * MU) / (LAMBDA + MU)
     held = ((mesh.points < 1e-9) | (mesh.points > 1 - 1e-9)).any(axis=1)
-    fixed = np.repeat(held[:, None], 3, axis=1)
-    material = Material(law="neo-hookean-log", young_modulus=young, poisson_ratio=LAMBDA / (2 * (LAMBDA + MU)))
-    body = Elasticity(mesh, material, fixed)
-    points, weights = rule(cell)
-    values, slopes = CELLS[mesh.cell].shapes(points)
-    x = values @ mesh.points[mesh.cells]  # (C, P, 3)
-    jacobian = np.einsum("pnk,cni->cpki", slopes, mesh.points[mesh.cells])
-    volume = np.linalg.det(jacobian) * weights
-    gradients = np.linalg.solve(jacobian, slopes.swapaxes(1, 2)[None]).swapaxes(2, 3)  # (C, P, n, 3)
-    u, H = chosen(x)
-    F = np.eye(3) + H
-    J, inverse = np.linalg.det(F), np.linalg.inv(F).swapaxes(2, 3)
-    P = MU * (F - inverse) + LAMBDA * np.log(J)[..., None, None] * inverse
-    W = MU / 2 * ((F**2).sum(axis=(2, 3)) - 3) - MU * np.log(J) + LAMBDA / 2 * np.log(J) ** 2
-    load = np.zeros_like(mesh.points)
-    np.add.at(load, mesh.cells, np.einsum("cpij,cpnj,cp->cni", P, gradients, volume))
-    found, _ = chosen(mesh.points)
-    for _ in range(8):
-        missing = np.where(fixed, 0.0, load - body.force(found))
-        if np.linalg.norm(missing) < 1e-10 * np.linalg.norm(load):
-            break
-        indptr, indices, entries = body.stiffness(found).getValuesCSR()
-        matrix = scipy.sparse.csr_matrix((entries, indices, indptr)).tocsc()
-        found = found + body.space.from_dofs(scipy.sparse.linalg.spsolve(matrix, body.space.to_dofs(missing)))
-    else:
-        raise AssertionError("no equilibrium")
-    off = values @ found[mesh.cells] - u
-    exact = ((W - (P * H).sum(axis=(2, 3))) * volume).sum()
-    return np.sqrt((off**2).sum(axis=2).ravel() @ volume.ravel()), abs(body.energy(found) - (load * found).sum() - exact)
+    return errors_against(chosen, mesh, np.repeat(held[:, None], 3, axis=1), *rule(cell))
 
 
 @pytest.mark.parametrize("cell, order, coarse, fine", [

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.sparse.linalg
 
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import node_masses
@@ -14,15 +13,15 @@ from physics.body.stress import nodal_stress
 from physics.body.supports import nodal_areas
 from physics.contact.points import points_of
 from physics.mesh.build import build_mesh
-from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh
-from physics.mesh.quality import cell_volumes, det_f, smallest_det_f
+from physics.mesh.quality import cell_volumes
 from physics.mesh.second import corners_only, second_order
 from physics.mesh.shapes.boxes import rectangle
 from physics.scene import Body, Material, read_scene
 from physics.solution import solve
+from tests.chosen_displacement import errors_against
 from tests.dolfinx_elasticity import assert_assembled_as_by_dolfinx
-from tests.invariants import assert_forces_and_stiffness_are_derivatives
+from tests.invariants import assert_det_f_sees_a_fold, assert_forces_and_stiffness_are_derivatives
 
 PLANE = ("triangle", "quadrilateral")
 GRADIENT = np.array([[0.1, 0.05, 0.0], [0.02, -0.04, 0.0], [0.0, 0.0, 0.0]])
@@ -159,15 +158,7 @@ def test_points_of_contact_lie_on_curved_sides_and_an_even_pressure_at_them_push
 
 
 def test_det_f_sees_a_cell_turned_inside_out_between_its_corners():
-    mesh = build_mesh(Body(shape="plate", length=1.0, width=1.0, cells=(1, 1), cell="triangle", order=2))
-    u, middle = np.zeros_like(mesh.points), mesh.cells[0, 3]
-    a, b = mesh.points[mesh.cells[0, :2]]
-    u[middle] = 0.3 * (b - a)  # past the quarter point the map folds at the corner it nears
-    assert smallest_det_f(mesh.points, u, mesh.cells, mesh.cell) < 0
-    u[middle] = 0.2 * (b - a)
-    assert 0 < smallest_det_f(mesh.points, u, mesh.cells, mesh.cell) < 1
-    affine = det_f(mesh.points, mesh.points @ GRADIENT.T, mesh.cells, mesh.cell)
-    assert affine == pytest.approx(np.linalg.det(np.eye(3) + GRADIENT), rel=1e-12)
+    assert_det_f_sees_a_fold(build_mesh(Body(shape="plate", length=1.0, width=1.0, cells=(1, 1), cell="triangle", order=2)), GRADIENT)
 
 
 @pytest.mark.parametrize("cell", PLANE)
@@ -184,9 +175,6 @@ def test_what_can_be_seen_is_four_facets_for_each_cell_and_places_keep_lines_of_
     facets, = mesh.facets("x-min")
     assert sorted(facets[0].tolist()) == sorted(rows[0].tolist()) and facets[0, 2] == rows[0, 2]
     assert corners_only(mesh).parts["x-min"][0][1].tolist() == first.parts["x-min"][0][1].tolist()
-
-
-LAMBDA, MU = 1.2, 0.8  # of E = 2.08, nu = 0.3
 
 
 def chosen(x):
@@ -206,44 +194,17 @@ def bent(points):
 
 
 def errors(cell, order, n, curve):
-    """Of the displacement, root of the mean square, and of the potential, of a body led at its rim: see test_physics_elasticity_orders."""
+    """Of the displacement, root of the mean square, and of the potential, of a body led at its rim: see chosen_displacement.py."""
     mesh = build_mesh(Body(shape="plate", length=1.0, width=1.0, cells=(n, n), cell=cell, order=order))
     held = ((mesh.points[:, :2] < 1e-9) | (mesh.points[:, :2] > 1 - 1e-9)).any(axis=1)
     mesh = replace(mesh, points=bent(mesh.points) if curve else mesh.points)
-    fixed = np.stack([held, held, np.ones_like(held)], axis=1)
-    material = Material(law="neo-hookean-log", young_modulus=MU * (3 * LAMBDA + 2 * MU) / (LAMBDA + MU),
-                        poisson_ratio=LAMBDA / (2 * (LAMBDA + MU)))
-    body = Elasticity(mesh, material, fixed)
     at, weight = np.polynomial.legendre.leggauss(5)
     r, s = (grid.ravel() for grid in np.meshgrid(*[(at + 1) / 2] * 2, indexing="ij"))
     weights = np.outer(weight, weight).ravel() / 4
     if cell == "triangle":
         s, weights = s * (1 - r), weights * (1 - r)
-    values, slopes = CELLS[mesh.cell].shapes(np.column_stack([r, s, 0 * r]))
-    x, jacobian = values @ mesh.points[mesh.cells], np.einsum("pnk,cni->cpki", slopes, mesh.points[mesh.cells])
-    jacobian[..., 2, 2] = 1.0
-    volume = np.linalg.det(jacobian) * weights
-    gradients = np.linalg.solve(jacobian, slopes.swapaxes(1, 2)[None]).swapaxes(2, 3)  # (C, P, n, 3)
-    u, H = chosen(x)
-    F = np.eye(3) + H
-    J, inverse = np.linalg.det(F), np.linalg.inv(F).swapaxes(2, 3)
-    P = MU * (F - inverse) + LAMBDA * np.log(J)[..., None, None] * inverse
-    W = MU / 2 * ((F**2).sum(axis=(2, 3)) - 3) - MU * np.log(J) + LAMBDA / 2 * np.log(J) ** 2
-    load = np.zeros_like(mesh.points)
-    np.add.at(load, mesh.cells, np.einsum("cpij,cpnj,cp->cni", P, gradients, volume))
-    found, _ = chosen(mesh.points)
-    for _ in range(8):
-        missing = np.where(fixed, 0.0, load - body.force(found))
-        if np.linalg.norm(missing) < 1e-10 * np.linalg.norm(load):
-            break
-        indptr, indices, entries = body.stiffness(found).getValuesCSR()
-        matrix = scipy.sparse.csr_matrix((entries, indices, indptr)).tocsc()
-        found = found + body.space.from_dofs(scipy.sparse.linalg.spsolve(matrix, body.space.to_dofs(missing)))
-    else:
-        raise AssertionError("no equilibrium")
-    off = values @ found[mesh.cells] - u
-    exact = ((W - (P * H).sum(axis=(2, 3))) * volume).sum()
-    return np.sqrt((off**2).sum(axis=2).ravel() @ volume.ravel()), abs(body.energy(found) - (load * found).sum() - exact)
+    fixed = np.stack([held, held, np.ones_like(held)], axis=1)
+    return errors_against(chosen, mesh, fixed, np.column_stack([r, s, 0 * r]), weights)
 
 
 @pytest.mark.parametrize("cell, order, curve", [("triangle", 1, False), ("quadrilateral", 1, False), ("triangle", 2, False),

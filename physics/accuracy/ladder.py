@@ -3,8 +3,8 @@
 A beam or plate is cut into hexahedra, of first order (with one dilatation a cell) or of second, with numbers along x, y and z that grow
 by themselves; a plane plate into its cells, of either order. A panel has numbers in its plane and of its layers, in tetrahedra. A file's
 own mesh is taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body
-share: the middles of a regular grid in a box, else those of the cells of the coarsest mesh. Boxes are graded to the
-faces at which they are clamped.
+share: the middles of a regular grid in a box, else those of the cells of the coarsest mesh. Boxes that clamped faces alone bear are
+graded to these.
 
 Triangles of second order come in even numbers: their diagonals alternate, so that of odd and even numbers other corners of the body are
 cut, where stress is singular, and an error that falls from even to even need not from even to odd.

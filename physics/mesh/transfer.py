@@ -64,9 +64,8 @@ def _located(mesh: Mesh, points: Floats, candidates: int, close: float, layered:
     extent = np.ptp(mesh.points[mesh.cells], axis=1).mean(axis=0)  # of a cell along x, y, z: distances count in cells
     flat = range(mesh.dimension, 3)  # a plane body has no extent along z
     extent[flat] = 1.0
-    centres, places = mesh.points[mesh.cells].mean(axis=1) / extent, points / extent
-    if layered:
-        centres, places = _in_layers(mesh, centres * extent), _in_layers(mesh, points)
+    middles = mesh.points[mesh.cells].mean(axis=1)
+    centres, places = _in_layers(mesh, middles, points) if layered else (middles / extent, points / extent)
     near = cKDTree(centres).query(places, min(candidates, len(mesh.cells)))[1].reshape(len(points), -1)  # (M, k)
     corners = mesh.points[mesh.cells[near]]  # (M, k, n, 3)
     first = CELLS[CELLS[mesh.cell].first or mesh.cell]
@@ -87,8 +86,9 @@ def _located(mesh: Mesh, points: Floats, candidates: int, close: float, layered:
     return np.take_along_axis(outside, best, 1)[:, 0], nodes, np.take_along_axis(values, best[..., None], 1)[:, 0]
 
 
-def _in_layers(mesh: Mesh, points: Floats) -> Floats:
-    """Places (M, 3) counted in layers of cells along each axis: 1.5 in the middle of the second."""
+def _in_layers(mesh: Mesh, *places: Floats) -> list[Floats]:
+    """Places (M, 3) each counted in layers of cells along each axis: 1.5 in the middle of the second."""
     corners = mesh.points[mesh.cells[:, :CELLS[mesh.cell].corners].ravel()]
     ends = [np.unique(corners[:, axis]) for axis in range(3)]
-    return np.stack([np.interp(points[:, axis], planes, np.arange(len(planes))) for axis, planes in enumerate(ends)], axis=1)
+    return [np.stack([np.interp(points[:, axis], planes, np.arange(len(planes))) for axis, planes in enumerate(ends)], axis=1)
+            for points in places]
