@@ -21,7 +21,7 @@ def main() -> None:
     table = footing.Table()
     if options.roughness:
         scene = footing.press()
-        for contact in ("facets", "nodes"):
+        for contact in ("smooth", "facets", "nodes"):
             rough = roughness(replace(scene, obstacle=replace(scene.obstacle, contact=contact)))
             table.add({"contact at": contact, "force off a smooth curve, over its mean": f"{rough:.2%}"})
         return

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from physics.contact.obstacles import Rigid
-from physics.contact.several import Rigids
+from physics.contact.obstacles import Rigids
 from physics.equilibrium.balance import Balance
 from physics.equilibrium.newton import Newton
 from physics.equilibrium.state import State

@@ -145,7 +145,7 @@ def see(scene: Scene) -> Beam:
         (not held or not held <= {"x-min", "x-max"} or any(set(s.fixed) != set("xyz") or any(s.displacement) for s in scene.support),
          "it is not clamped at x-min, at x-max or at both and nowhere else"),
         (obstacle is None or obstacle.shape not in ("sphere", "cylinder"), "its obstacle is neither a sphere nor a cylinder"),
-        (obstacle is not None and obstacle.contact != "facets", "contact is felt at nodes"),
+        (obstacle is not None and obstacle.contact != "facets", "contact is not felt at facets"),
         (obstacle is not None and len(obstacle.path) != 2, "its obstacle's path is not one straight line"),
         (obstacle is not None and obstacle.shape == "cylinder" and abs(obstacle.axis[0]) > 0.5 * np.linalg.norm(obstacle.axis),
          "its cylinder lies along the beam"),

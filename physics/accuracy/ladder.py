@@ -4,7 +4,7 @@ A beam or plate is cut into hexahedra, of first order (with one dilatation a cel
 by themselves; a plane plate into its cells, of either order. A panel has numbers in its plane and of its layers, in tetrahedra. A file's
 own mesh is taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body
 share: the middles of a regular grid in a box, else those of the cells of the coarsest mesh. Boxes that clamped faces alone bear are
-graded to these.
+graded to these, and round obstacles meet a smooth surface.
 
 Triangles of second order come in even numbers: their diagonals alternate, so that of odd and even numbers other corners of the body are
 cut, where stress is singular, and an error that falls from even to even need not from even to odd.
@@ -134,6 +134,7 @@ class MeshFamily:
 
 def families(scene: Scene) -> list[MeshFamily]:
     """The ways to mesh a body, that of second order first. Raises `InputError` when a file is not sound."""
+    scene = _smooth(scene)
     body = scene.body
     if body.shape == "file":
         mesh = build_mesh(replace(body, order=1))
@@ -171,6 +172,16 @@ def _clamped(scene: Scene) -> tuple[str, ...]:
     held = {face: {axis for support in scene.support if support.where == face for axis in support.fixed} for face in PLACES}
     clamped = tuple(face for face in PLACES if held[face] >= set("xy" if plane else "xyz"))
     return clamped if not scene.obstacles and all(support.where in clamped for support in scene.support) else ()
+
+
+def _smooth(scene: Scene) -> Scene:
+    """The scene with a smooth surface where it meets obstacles that roll over it, all but half-spaces, unless they ask for nodes.
+
+    In steps from facet to facet, errors fall from mesh to mesh by no order. What is flat everywhere rolls over nothing, and presses
+    evenly, where a smooth surface gives way the most.
+    """
+    each = tuple(one if one.contact != "facets" or one.shape == "half-space" else replace(one, contact="smooth") for one in scene.obstacles)
+    return replace(scene, obstacle=each if isinstance(scene.obstacle, tuple) else each[0] if each else None)
 
 
 def meshed(scene: Scene) -> list[Scene]:

@@ -6,7 +6,8 @@ of the rest surface. Gap g_q (obstacles.py) and contact force p_q >= 0 along the
     g_q + c_q p_q >= 0,   p_q >= 0,   p_q (g_q + c_q p_q) = 0,   c_q = 1 / (k A_q)
 
 which for k -> infinity are the exact (Signorini) conditions. k is chosen so large that the penetration c_q p_q stays
-far below the size of a cell, and so small that forces at neighbouring points remain unique.
+far below the size of a cell, and so small that forces at neighbouring points remain unique. On a smooth surface it is softer: an
+obstacle then lies on some rows of points at a time, and goes from one to the next without a step in its force.
 
 With a stiffness K, internal forces f and outer ones b, one Newton step is a linear complementarity problem in p
 alone: its matrix is the compliance G K^-1 G^T + diag(c) of the points that are near the obstacle (G holds w_qa n_q).
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from physics.contact.points import merged, points_of
+from physics.contact.rounded import Rounded, rounded
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, unique_edges
 from physics.schema import InputError
@@ -36,6 +38,7 @@ Floats = NDArray[np.float64]
 
 FINEST = 8  # parts of an edge
 CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
+SMOOTH = 1e-3  # stiffness of contact with a smooth surface over that
 
 
 def cell_size(mesh: Mesh) -> float:
@@ -51,14 +54,16 @@ class ContactSurface:
     Attributes:
         weights: (Q, N) sparse interpolation from nodes to points
         area: (Q,) [m2] of the rest surface
+        hardness: (Q,) k over that of CONTACT_STIFFNESS
     """
 
     def __init__(self, mesh: Mesh, kind: str, held: NDArray[np.bool_], width: float = np.inf) -> None:
-        """Args: kind "facets" or "nodes"; held (N,): not in contact; width: smallest of the obstacle [m].
+        """Args: kind "facets", "smooth" or "nodes"; held (N,): not in contact; width: smallest of the obstacle [m].
 
         A quadrilateral has nine points, a triangle six and the side of a plane cell three, or, where the longest facet is longer than
         the obstacle is wide, so many more that two points are nowhere further apart along an edge than half of the width. Facets of
-        second order have them on each of the four parts between their nodes, sides of plane cells on both halves.
+        second order have them on each of the four parts between their nodes, sides of plane cells on both halves. A smooth surface
+        (rounded.py) has them twice as dense.
 
         Raises:
             InputError: the obstacle is so thin that it could pass between the points
@@ -73,20 +78,28 @@ class ContactSurface:
         if divisions > FINEST:
             raise InputError(f"obstacle: {width:.3g} m wide, it is smaller than 1/{FINEST} of a cell's edge of {longest:.3g} m; "
                              "give smaller cells")
-        finer = 2 if CELLS[mesh.cell].middles and kind == "facets" else 1
-        rows, columns, values, area = points_of(mesh, finer * divisions)
-        weights = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(area), len(mesh.points)))
-        if kind == "nodes":
-            area = weights.T @ area
-            weights = scipy.sparse.identity(len(mesh.points), format="csr")
-        else:
-            weights, area = merged(weights, area)
+        weights, area = _felt(mesh, kind, divisions)
         free = (area > 0) & ~((weights @ held.astype(float)) > 1 - 1e-9)
         self.weights, self.area = weights[free], area[free]
+        self.hardness = np.full(len(self.area), SMOOTH if kind == "smooth" else 1.0)
 
     def positions(self, x: Floats) -> Floats:
         """(Q, 3) positions of the points for nodes at (N, 3)."""
         return self.weights @ x
+
+
+def _felt(mesh: Mesh, kind: str, divisions: int) -> tuple[scipy.sparse.csr_matrix, Floats]:
+    """Weights (Q, N) and areas (Q,) of all points of a surface."""
+    facets, own = [(mesh.kind_of(facets), facets) for facets in mesh.boundary], scipy.sparse.identity(len(mesh.points), format="csr")
+    finer = divisions * (2 if CELLS[mesh.cell].middles else 1)
+    if kind == "smooth":
+        surface = Rounded(facets, own) if CELLS[mesh.cell].middles else rounded(mesh)
+        weights, area = merged(*points_of(surface.facets, surface.weights @ mesh.points, mesh.thickness, 2 * finer, even=True))
+        return (weights @ surface.weights).tocsr(), area
+    if kind == "facets":
+        return merged(*points_of(facets, mesh.points, mesh.thickness, finer))
+    weights, area = points_of(facets, mesh.points, mesh.thickness, divisions)
+    return own, weights.T @ area
 
 
 class Surfaces(ContactSurface):
@@ -94,7 +107,7 @@ class Surfaces(ContactSurface):
 
     def __init__(self, each: Sequence[ContactSurface]) -> None:
         self.weights = scipy.sparse.vstack([surface.weights for surface in each], format="csr")
-        self.area = np.concatenate([surface.area for surface in each])
+        self.area, self.hardness = (np.concatenate([getattr(surface, name) for surface in each]) for name in ("area", "hardness"))
 
 
 def solve_complementarity(matrix: Floats, gap: Floats, guess: NDArray[np.bool_], *, definite: bool = True) -> Floats:

@@ -6,13 +6,13 @@ normal that points from the obstacle to x.
 Each shape is a class with its distance, its curvature, its extents and its mesh (shapes.py, tool.py), listed in SHAPES; which keys of a
 scene it needs stands in physics/scene/parts.py. `Rigid` moves one along a path.
 
-Legend: Q points, P surface nodes, F triangles.
+Legend: K obstacles, Q points, P surface nodes, F triangles.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.sparse
@@ -27,6 +27,7 @@ from physics.mesh.transfer import interpolate
 from physics.scene import Obstacle
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 FINEST = 100  # edges along a side, or half around
 RAYS = 720  # by which the outline of a section is found
@@ -120,6 +121,52 @@ class Rigid:
         way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))])
         at = np.linspace(0.0, way[-1], max(8, round(way[-1] / max(size, self.shape.extent / FINEST))), endpoint=False)
         return np.stack([np.interp(at, way, component) for component in dense.T], axis=1)
+
+
+class Rigids:
+    """Several obstacles, felt as one: each by its own points of the body's surface, one set of points after the other.
+
+    A point that can touch two of them stands there twice, with two gaps and two forces. What `Rigid` says where there is one, `Rigids`
+    says of all points, and of a part of them by `among`; `of` (Q,) is the number of the obstacle that each may touch, centres are (K, 3).
+    """
+
+    def __init__(self, each: Sequence[Rigid], of: Integers) -> None:
+        self.each, self._of, self.width = tuple(each), of, min(rigid.width for rigid in each)
+
+    def among(self, points: Integers) -> Rigids:
+        """The same for some of the points."""
+        return Rigids(self.each, self._of[points])
+
+    def position(self, fraction: float) -> Floats:
+        """(K, 3) centres [m] at a fraction 0 .. 1 of the steps."""
+        return np.array([rigid.position(fraction) for rigid in self.each])
+
+    def offset(self, points: Floats, centre: Floats) -> Floats:
+        """(Q, 3) points seen from the centre of their obstacle."""
+        return points - centre[self._of]
+
+    def gap(self, points: Floats, centre: Floats) -> tuple[Floats, Floats]:
+        """Signed distances (Q,) [m] and normals (Q, 3) of points (Q, 3)."""
+        gap, normal = np.empty(len(points)), np.empty((len(points), 3))
+        for k, rigid in enumerate(self.each):
+            own = self._of == k
+            gap[own], normal[own] = rigid.gap(points[own], centre[k])
+        return gap, normal
+
+    def bend(self, points: Floats, centre: Floats) -> Floats:
+        """(Q, 2, 3) what `Rigid.bend` gives."""
+        found = np.empty((len(points), 2, 3))
+        for k, rigid in enumerate(self.each):
+            found[self._of == k] = rigid.bend(points[self._of == k], centre[k])
+        return found
+
+    def along(self, normal: Floats, vector: Floats) -> Floats:
+        """(Q,) parts of the vectors (K, 3) of the obstacles along normals (Q, 3)."""
+        return np.asarray((normal * vector[self._of]).sum(axis=1))
+
+    def sums(self, force: Floats, normal: Floats) -> Floats:
+        """(K, 3) of each obstacle the sum of forces (Q,) along normals (Q, 3)."""
+        return np.array([force[self._of == k] @ normal[self._of == k] for k in range(len(self.each))])
 
 
 def buried(rigid: Rigid, mesh: Mesh) -> bool:

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.contact.conditions import ContactSurface, Surfaces
-from physics.contact.obstacles import Rigid
-from physics.contact.several import Rigids
+from physics.contact.obstacles import Rigid, Rigids
 from physics.contact.shapes import Round
 from physics.linalg.multigrid import Felt
 from physics.linalg.native import compiled, pointer
@@ -53,7 +52,7 @@ class Contact:
 def contact_of(obstacles: Sequence[Obstacle], mesh: Mesh, held: NDArray[np.bool_], stiffness: Floats | float) -> Contact | None:
     """Contact with the obstacles of a scene; None where there are none.
 
-    Args: held (N,): not in contact; stiffness k [Pa/m], one or at each node (N,). Raises `InputError` as `ContactSurface` does.
+    Args: held (N,): not in contact; stiffness k [Pa/m] on facets, one or at each node (N,). Raises `InputError` as `ContactSurface` does.
     """
     if not obstacles:
         return None
@@ -66,7 +65,7 @@ def contact_of(obstacles: Sequence[Obstacle], mesh: Mesh, held: NDArray[np.bool_
     surface = surfaces[0] if len(rigid) == 1 else Surfaces(surfaces)
     at_points = surface.weights @ stiffness if isinstance(stiffness, np.ndarray) else stiffness
     of = np.repeat(np.arange(len(rigid)), [len(one.area) for one in surfaces])
-    return Contact(surface, rigid[0] if len(rigid) == 1 else Rigids(rigid, of), mesh.points, at_points)
+    return Contact(surface, rigid[0] if len(rigid) == 1 else Rigids(rigid, of), mesh.points, at_points * surface.hardness)
 
 
 class Zone:

@@ -218,7 +218,7 @@ def contact_said(scene: Scene) -> str:
     """How contact is treated, in words."""
     if not scene.obstacles:
         return "none: the scene has no obstacle"
-    points = {"facets": "points of the surface facets", "nodes": "surface nodes"}
+    points = {"facets": "points of the surface facets", "smooth": "points of the surface made smooth", "nodes": "surface nodes"}
     said = [f"{'frictionless ' * (not i)}at {points[one.contact]}, rigid {one.shape}{f' ({one.source})' if one.source else ''}"
             + " with sharp edges, on which the surface may catch where they slide over it: give it a radius" * (one.radius == 0)
             for i, one in enumerate(scene.obstacles)]

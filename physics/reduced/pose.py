@@ -54,7 +54,7 @@ class Press:
     def __init__(self, mesh: Mesh, size: float, surface: ContactSurface, obstacle: Rigid, elastic: Elastic, model: Reduced) -> None:
         """Args: size of a cell [m]; surface where contact is felt; model: the small space."""
         self.mesh, self.size, self.surface, self.obstacle, self.elastic, self.model = mesh, size, surface, obstacle, elastic, model
-        self._softness = size / (CONTACT_STIFFNESS * surface.area)
+        self._softness = size / (CONTACT_STIFFNESS * surface.hardness * surface.area)
         self._bent: tuple[Floats, Floats] | None = None  # q, and the second derivatives there
         self._tolerance = TOLERANCE * float(np.ptp(mesh.points, axis=0).max())
 

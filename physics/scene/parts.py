@@ -100,7 +100,7 @@ class Obstacle:
     scale: metres in a unit of the file
     path: of the centre
     steps: fractions 0 .. 1 at which the points of the path are reached, evenly by default
-    contact: felt at points all over the facets, or at nodes alone
+    contact: felt at points all over the facets, on a surface without the edges between these, or at nodes alone
     """
 
     @staticmethod
@@ -123,7 +123,7 @@ class Obstacle:
     scale: float | None = quantity(None, above=0, at_least=1e-12, at_most=1e12)
     path: tuple[Vector, ...] = quantity(unit="m", **FAR)
     steps: tuple[float, ...] | None = None
-    contact: str = quantity("facets", choice=("facets", "nodes"))
+    contact: str = quantity("facets", choice=("facets", "smooth", "nodes"))
 
 
 @dataclass(frozen=True, kw_only=True)
