@@ -1,5 +1,7 @@
 """Which meshes a scene that asks for an error is tried on: their numbers, elements, words, and the points that they share."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from physics.accuracy.ladder import families, points_of
 from physics.mesh.files import write_mesh
 from physics.mesh.quality import cell_volumes
 from physics.mesh.shapes.boxes import box
-from physics.scene import Body
+from physics.scene import Body, read_scene
 from tests.scenes import beam, pressed
 from tests.test_physics_mesh_curved import half_ring
 
@@ -143,3 +145,15 @@ def test_boxes_are_compared_at_the_middles_of_a_grid_of_ten_along_the_longest_si
     plane = beam(body={"shape": "plate", "length": 0.02, "width": 0.06, "cell": "triangle"}, steps=ASKED)
     points, weights = points_of(families(plane)[0])
     assert points.shape == (30, 3) and not points[:, 2].any() and weights.sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("shape, asked, felt", [
+    ({"shape": "sphere", "radius": 0.01}, "facets", "smooth"), ({"shape": "sphere", "radius": 0.01}, "nodes", "nodes"),
+    ({"shape": "half-space", "normal": [0, 0, -1]}, "facets", "facets")])
+def test_what_rolls_over_a_body_rolls_over_a_smooth_surface(shape, asked, felt):
+    obstacle = shape | {"contact": asked, "path": [[0.08, 0.01, 0.031], [0.08, 0.01, 0.025]]}
+    scene = read_scene({"body": {"length": 0.1, "width": 0.02, "height": 0.02}, "material": {"young_modulus": 1e6, "poisson_ratio": 0.3},
+                        "support": [{"where": "x-min", "fixed": "xyz"}], "steps": {"count": 4, "error": 0.01}, "obstacle": obstacle})
+    assert [family.scene.obstacles[0].contact for family in families(scene)] == [felt] * 2
+    both = families(replace(scene, obstacle=(scene.obstacle, scene.obstacle)))
+    assert [each.contact for each in both[0].scene.obstacles] == [felt] * 2

@@ -39,6 +39,18 @@ def test_the_nodes_that_make_a_middle(at, of):
     assert middle(*at) == pytest.approx({node(*place): weight for place, weight in of.items()})
 
 
+def test_the_slope_at_a_node_between_unlike_neighbours():
+    """At x = 0, 1, 3, 4: weights 1 / d^2 make it the mean of the slopes to either hand, so that 5/8 (x_1 + x_3) - 1/8 (x_0 + x_4)."""
+    mesh = build_mesh(Body(shape="plate", length=0.3, width=0.1, cells=(3, 1), cell="quadrilateral"))
+    row = mesh.points[:, 0].copy()
+    mesh = replace(mesh, points=mesh.points + np.where(np.abs(row - 0.25)[:, None] < 0.06, [0.1, 0, 0], 0.0))
+    surface, top = rounded(mesh), np.flatnonzero(mesh.points[:, 1] > 0.09)
+    top = top[mesh.points[top, 0].argsort()]
+    assert mesh.points[top, 0] == pytest.approx([0, 0.1, 0.3, 0.4])
+    at = np.linalg.norm(surface.weights @ mesh.points - [0.2, 0.1, 0.0], axis=1).argmin()
+    assert surface.weights[at].toarray()[0, top] == pytest.approx([-1 / 8, 5 / 8, 5 / 8, -1 / 8])
+
+
 def test_quadratic_functions_are_kept_on_even_grids():
     """At every middle and centre of the top, those beside its rim too."""
     surface = rounded(GRID)

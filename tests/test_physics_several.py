@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from physics.contact.obstacles import Rigid
-from physics.contact.obstacles import Rigids
+from physics.contact.obstacles import Rigid, Rigids
 from physics.equilibrium.balance import Balance
 from physics.equilibrium.newton import Newton
 from physics.equilibrium.state import State
