@@ -104,6 +104,15 @@ def test_an_error_beyond_the_nodes_allowed_is_not_promised():
     assert not verdict.reached and "is not promised" in verdict.not_kept() and verdict.lines()[0].endswith("NOT kept")
 
 
+def test_a_pilot_that_took_no_time_by_the_clock_tells_no_seconds_of_other_meshes(bent, monkeypatch):
+    _, choice, solution, verdict = bent
+    stopped = replace(choice.pilot, seconds=0.0)
+    monkeypatch.setattr(type(choice), "pilot", property(lambda choice: stopped))
+    rows = {row["choice"]: row["seconds"] for row in judge(choice, solution).rows}
+    assert rows["next coarser"] is None and rows["the whole scene"] == solution.seconds
+    assert {row["choice"]: row["seconds"] for row in verdict.rows}["next coarser"] > 0
+
+
 def test_what_pilots_have_at_their_points_is_that_of_the_mesh_asked_for_whichever_was_asked_before(bent):
     """Displacements x and then 2 x, which cells of any size hold."""
     pilots = bent[1].pilots
