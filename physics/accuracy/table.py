@@ -84,13 +84,13 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     add("poses between", said, between)
     estimated = climb.error + linear + choice.loose + curves + path + between
     reached = bool(climb.reached and estimated <= choice.asked)
-    ratio = solution.seconds / choice.pilot.seconds if choice.pilot.seconds else None  # clocks of shared processors stand still at times
+    ratio = solution.seconds / choice.pilot.seconds if choice.pilot.seconds else math.nan  # clocks of shared processors stand still at times
     add("the whole scene", f"{family.said(climb.sizes)}; {climb.said}", estimated, solution.seconds)
     coarser, finer = _beside(choice)
     for name, mesh in (("next coarser", coarser), ("next finer", finer)):
         if mesh is not None:
             sizes, error, seconds = mesh
-            add(name, family.said(sizes), error, None if seconds is None or ratio is None else seconds * ratio)
+            add(name, family.said(sizes), error, None if seconds is None or math.isnan(ratio) else seconds * ratio)
     if choice.other is not None:
         other = choice.other
         sizes, error = other.ladder[-1]

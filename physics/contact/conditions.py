@@ -83,6 +83,11 @@ class ContactSurface:
         self.weights, self.area = weights[free], area[free]
         self.hardness = np.full(len(self.area), SMOOTH if kind == "smooth" else 1.0)
 
+    @property
+    def smooth(self) -> bool:
+        """Whether all of it is."""
+        return bool((self.hardness < 1).all())
+
     def positions(self, x: Floats) -> Floats:
         """(Q, 3) positions of the points for nodes at (N, 3)."""
         return self.weights @ x

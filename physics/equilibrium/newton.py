@@ -27,7 +27,7 @@ from physics.linalg.multigrid import Felt
 Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-6  # residual force over reaction
-NEAR = 0.25  # points nearer than this many cell sizes take part in the complementarity problem
+NEAR, DENSE = 0.25, 0.05  # points nearer than this many cell sizes take part in the complementarity problem; of smooth surfaces
 REACH = 2.0  # and up to this many cell sizes away they are looked at
 ITERATIONS = 12  # Newton steps before a state is given up
 
@@ -56,6 +56,7 @@ class Newton:
     Attributes:
         tangent: the linear algebra, a kept factor or conjugate gradients
         tolerance: of the residual force, over the reaction
+        sight: in cell sizes, NEAR or DENSE
         taken: steps so far
     """
 
@@ -68,6 +69,7 @@ class Newton:
         self._zone: Zone | None = None
         self._mixing = Mixing()
         self._free = np.flatnonzero(~balance.fixed)
+        self.sight = NEAR if balance.contact is None or not balance.contact.surface.smooth else DENSE
         self.taken = 0
 
     @property
@@ -242,7 +244,7 @@ class Newton:
         if contact is None:
             return None
         centre = contact.obstacle.position(fraction)
-        if self._zone is None or not self._zone.covers(u, centre, NEAR * self.balance.size):
+        if self._zone is None or not self._zone.covers(u, centre, self.sight * self.balance.size):
             self._zone = contact.zone(u, centre, REACH * self.balance.size)
         gap, normal = self._zone.gaps(u, centre)
         return Touch(self._zone, u, centre, gap, normal, pressure[self._zone.points])
@@ -258,7 +260,7 @@ class Newton:
         self.taken += 1
         if touch is None:
             return self.tangent.step(force, self.tolerance, None)
-        near = np.flatnonzero((touch.gap < NEAR * self.balance.size) | (touch.pressure > 0))
+        near = np.flatnonzero((touch.gap < self.sight * self.balance.size) | (touch.pressure > 0))
         felt = touch.felt(near) if len(near) else None
         if felt is not None and not self.round_obstacle:
             felt.bend = felt.bend[:0]

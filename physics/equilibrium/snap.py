@@ -50,6 +50,7 @@ class Relaxation(Newton):
         immersed = copy.copy(balance)
         immersed.elasticity = self.body
         super().__init__(immersed)
+        self.sight = NEAR  # nodes may go that far in a step
         extent = float(np.ptp(balance.mesh.points))
         # The stiffness of the first bending mode over its volume: what is slower than that is not worth waiting for.
         softest = min(material.young_modulus for material in balance.scene.materials)
