@@ -84,7 +84,7 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     add("poses between", said, between)
     estimated = climb.error + linear + choice.loose + curves + path + between
     reached = bool(climb.reached and estimated <= choice.asked)
-    ratio = solution.seconds / choice.pilot.seconds if choice.pilot.seconds else math.nan  # clocks of shared processors stand still at times
+    ratio = solution.seconds / choice.pilot.seconds if choice.pilot.seconds else math.nan  # clocks of shared cores may stand still
     add("the whole scene", f"{family.said(climb.sizes)}; {climb.said}", estimated, solution.seconds)
     coarser, finer = _beside(choice)
     for name, mesh in (("next coarser", coarser), ("next finer", finer)):
