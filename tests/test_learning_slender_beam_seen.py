@@ -75,7 +75,7 @@ def test_a_cylinder_lies_across_the_beam_by_sixty_degrees_and_in_its_face_by_a_m
 @pytest.mark.parametrize("changes, said", [
     ({"cells": (20, 4, 1)}, "fewer than two cells across"), ({"body": {"element": "reduced"}}, "first-order prisms"),
     ({"support": ["x-min", "y-min"]}, "not clamped at x-min"), ({"support": [], "obstacle": {"contact": "nodes"}}, "not clamped"),
-    ({"obstacle": {"contact": "nodes"}}, "contact is felt at nodes"),
+    ({"obstacle": {"contact": "nodes"}}, "contact is not felt at facets"),
     ({"steps": "dynamic"}, "loads or inertia")])
 def test_a_scene_is_refused_for_what_it_has_alone(changes, said):
     dynamic = {"steps": Steps(count=20, dynamic=True, duration=1.0)} if "steps" in changes else {}

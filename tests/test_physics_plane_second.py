@@ -11,7 +11,6 @@ from physics.body.material import LAWS
 from physics.body.pressure import pressure_force
 from physics.body.stress import nodal_stress
 from physics.body.supports import nodal_areas
-from physics.contact.points import points_of
 from physics.mesh.build import build_mesh
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import cell_volumes
@@ -22,6 +21,7 @@ from physics.solution import solve
 from tests.chosen_displacement import errors_against
 from tests.dolfinx_elasticity import assert_assembled_as_by_dolfinx
 from tests.invariants import assert_det_f_sees_a_fold, assert_forces_and_stiffness_are_derivatives
+from tests.test_physics_points import on_its_facets
 
 PLANE = ("triangle", "quadrilateral")
 GRADIENT = np.array([[0.1, 0.05, 0.0], [0.02, -0.04, 0.0], [0.0, 0.0, 0.0]])
@@ -120,7 +120,7 @@ def test_a_side_of_three_nodes_carries_simpsons_shares_and_a_curved_one_its_own_
     off = [abs(nodal_areas(arc(n), "rim").sum() / (np.pi / 2 * 0.3) - 1) for n in (2, 4)]
     assert off[1] < 5e-5 and np.log2(off[0] / off[1]) > 3.8, off  # parabolas are longer than chords, which leave 6e-3 at n = 4
     rim = arc(4)
-    assert points_of(rim, 2)[3].sum() == pytest.approx(nodal_areas(rim, rim_of_all(rim)).sum(), rel=1e-5)
+    assert on_its_facets(rim, 2)[1].sum() == pytest.approx(nodal_areas(rim, rim_of_all(rim)).sum(), rel=1e-5)
 
 
 def rim_of_all(mesh):
@@ -145,14 +145,10 @@ def test_a_pressure_on_a_curved_side_is_that_on_the_chord_between_its_ends():
 def test_points_of_contact_lie_on_curved_sides_and_an_even_pressure_at_them_pushes_as_a_traction(cell):
     """Simpson's rule on each half of a straight side gives the shares of nodes exactly."""
     mesh = build_mesh(Body(shape="plate", length=0.3, width=0.2, cells=(3, 2), cell=cell, order=2, thickness=0.05))
-    rows, columns, values, areas = points_of(mesh, 2)
-    pushed = np.zeros(len(mesh.points))
-    np.add.at(pushed, columns, values * areas[rows])
-    assert pushed == pytest.approx(nodal_areas(mesh, rim_of_all(mesh)), abs=1e-15)
+    weights, areas = on_its_facets(mesh, 2)
+    assert weights.T @ areas == pytest.approx(nodal_areas(mesh, rim_of_all(mesh)), abs=1e-15)
     rim = arc(3)
-    rows, columns, values, areas = points_of(rim, 2)
-    at = np.zeros((len(areas), 3))
-    np.add.at(at, rows, values[:, None] * rim.points[columns])
+    at = on_its_facets(rim, 2)[0] @ rim.points
     outer = at[np.linalg.norm(at, axis=1) > 0.98]
     assert len(outer) >= 15 and abs(np.linalg.norm(outer, axis=1) - 1).max() < 1e-3  # a straight side leaves 0.03
 

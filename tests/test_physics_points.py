@@ -10,12 +10,16 @@ from physics.mesh.mesh import Mesh
 from physics.scene import Body
 
 
+def on_its_facets(mesh, divisions):
+    """Weights and areas of the points of a mesh's outer facets."""
+    return points_of([(mesh.kind_of(facets), facets) for facets in mesh.boundary], mesh.points, mesh.thickness, divisions)
+
+
 def listed(mesh, divisions, facet):
     """Of one facet (its nodes): (position, area) of its points, rounded, sorted."""
-    rows, columns, values, areas = points_of(mesh, divisions)
-    weights = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(areas), len(mesh.points)))
+    weights, areas = on_its_facets(mesh, divisions)
     own = np.flatnonzero([set(weights[q].indices[weights[q].data > 1e-12]) <= set(facet) for q in range(len(areas))])
-    on = [q for q in own if set(columns[rows == q]) == set(facet)]  # not those that other facets have there
+    on = [q for q in own if set(weights[q].indices) == set(facet)]  # not those that other facets have there
     x = weights @ mesh.points
     return sorted((*np.round(x[q], 9) + 0.0, round(areas[q], 9)) for q in on)
 
@@ -74,13 +78,13 @@ def test_the_side_of_a_plane_cell_has_simpsons_points_times_the_thickness():
 def test_facets_of_second_order_carry_their_area_and_weigh_by_their_own_functions(cell):
     """x^2 over a flat facet is exactly what its functions have at its nodes; at points it is so too."""
     mesh = build_mesh(Body(length=0.4, width=0.3, height=0.2, cells=(2, 1, 1), cell=cell, order=2))
-    rows, columns, values, areas = points_of(mesh, 2)
-    weights = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(areas), len(mesh.points)))
+    weights, areas = on_its_facets(mesh, 2)
     assert areas.sum() == pytest.approx(2 * (0.12 + 0.08 + 0.06)) and weights.sum(axis=1) == pytest.approx(1)
     x = weights @ mesh.points
     assert weights @ mesh.points**2 == pytest.approx(x**2, abs=1e-15)
-    top = np.bincount(rows, mesh.points[columns, 2] < 0.2 - 1e-9) == 0  # of facets all of whose nodes are there
-    assert areas[top].sum() == pytest.approx(0.12) and not (abs(values) < 1e-12)[values != 0].any()
+    nodes = np.split(weights.indices, weights.indptr[1:-1])
+    top = np.array([(mesh.points[own, 2] > 0.2 - 1e-9).all() for own in nodes])  # of facets all of whose nodes are there
+    assert areas[top].sum() == pytest.approx(0.12) and not (abs(weights.data) < 1e-12)[weights.data != 0].any()
     # The square of a coordinate is integrated exactly by Simpson's rule on quadrilaterals; on triangles corners count a bit too much.
     inner = (areas[top] * x[top, 0] ** 2).sum() / 0.12
     assert inner == pytest.approx(0.16 / 3, rel=1e-12 if cell == "hexahedron" else 0.03)

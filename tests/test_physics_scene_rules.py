@@ -116,7 +116,7 @@ def test_units_of_what_has_two_signs_and_bounds_that_nobody_reaches(table, key, 
                                                                                "quadrilateral"]),
     ("body", "element", ["standard", "mean-dilatation", "reduced"]),
     ("material", "law", ["neo-hookean", "neo-hookean-log", "saint-venant-kirchhoff", "linear"]),
-    ("obstacle", "shape", ["sphere", "cylinder", "capsule", "box", "half-space"]), ("obstacle", "contact", ["facets", "nodes"])])
+    ("obstacle", "shape", ["sphere", "cylinder", "capsule", "box", "half-space"]), ("obstacle", "contact", ["facets", "smooth", "nodes"])])
 def test_every_choice(table, key, known):
     with pytest.raises(InputError) as caught:
         of(table, key, "none")

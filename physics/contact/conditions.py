@@ -39,6 +39,7 @@ Floats = NDArray[np.float64]
 FINEST = 8  # parts of an edge
 CONTACT_STIFFNESS = 2e4  # k in units of Young's modulus over the size of a cell
 SMOOTH = 1e-3  # stiffness of contact with a smooth surface over that
+BLUNT = 20  # longest edges that an obstacle is wide which lies on many points at a time anyhow
 
 
 def cell_size(mesh: Mesh) -> float:
@@ -63,7 +64,7 @@ class ContactSurface:
         A quadrilateral has nine points, a triangle six and the side of a plane cell three, or, where the longest facet is longer than
         the obstacle is wide, so many more that two points are nowhere further apart along an edge than half of the width. Facets of
         second order have them on each of the four parts between their nodes, sides of plane cells on both halves. A smooth surface
-        (rounded.py) has them twice as dense.
+        (rounded.py) has them twice as dense, unless the obstacle is very wide.
 
         Raises:
             InputError: the obstacle is so thin that it could pass between the points
@@ -78,7 +79,7 @@ class ContactSurface:
         if divisions > FINEST:
             raise InputError(f"obstacle: {width:.3g} m wide, it is smaller than 1/{FINEST} of a cell's edge of {longest:.3g} m; "
                              "give smaller cells")
-        weights, area = _felt(mesh, kind, divisions)
+        weights, area = _felt(mesh, kind, divisions * (2 if kind == "smooth" and width < BLUNT * longest else 1))
         free = (area > 0) & ~((weights @ held.astype(float)) > 1 - 1e-9)
         self.weights, self.area = weights[free], area[free]
         self.hardness = np.full(len(self.area), SMOOTH if kind == "smooth" else 1.0)
@@ -99,7 +100,7 @@ def _felt(mesh: Mesh, kind: str, divisions: int) -> tuple[scipy.sparse.csr_matri
     finer = divisions * (2 if CELLS[mesh.cell].middles else 1)
     if kind == "smooth":
         surface = Rounded(facets, own) if CELLS[mesh.cell].middles else rounded(mesh)
-        weights, area = merged(*points_of(surface.facets, surface.weights @ mesh.points, mesh.thickness, 2 * finer, even=True))
+        weights, area = merged(*points_of(surface.facets, surface.weights @ mesh.points, mesh.thickness, finer, even=True))
         return (weights @ surface.weights).tocsr(), area
     if kind == "facets":
         return merged(*points_of(facets, mesh.points, mesh.thickness, finer))

@@ -6,7 +6,7 @@ Here every edge of a facet gets a node in its middle, and a quadrilateral one in
     x_m = (x_a + x_b) / 2 + (d_ab + d_ba) / 8        d_ab = G_a x . (b - a) - (x_b - x_a), d_ba the other way round
 
 Cubic Hermite interpolation half-way between a and b. G_a x is the gradient along the surface at a of any function given at nodes, by
-least squares over the neighbours of a, with weights 1 / distance^2, on the rest body; so x_m is a fixed sum of nodal positions, and
+least squares over the neighbours of a, with weights 1 / distance, on the rest body; so x_m is a fixed sum of nodal positions, and
 forces at points of the curved facets go to nodes as from any others. Motions of the whole body and even strains are kept exactly; in an
 even row of nodes x_m is (-1, 9, 9, -1) / 16 of four of them (Dyn, Levin and Gregory, Comput. Aided Geom. Des. 4, 1987).
 
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 SHARP = 35  # degrees between the normals of two facets
-NO_SLOPE = 1e-3  # of a sum of squared cosines: no neighbour lies in this direction
+NO_SLOPE = 1e-5  # of how far neighbours lie in the other directions: none lies in this one
 
 
 @dataclass(frozen=True)
@@ -154,9 +154,10 @@ def _slopes(mesh: Mesh, nodes: _Nodes, end: Integers, side: Integers) -> scipy.s
     away = mesh.points[end[:, 1]] - mesh.points[end[:, 0]]  # (R, 3)
     normal = nodes.normal[at]
     along = away - np.einsum("ri,ri->r", away, normal)[:, None] * normal
-    pull = along / np.einsum("ri,ri->r", away, away)[:, None]
-    matrix = np.einsum("pi,pj->pij", nodes.normal, nodes.normal)
+    pull = along / np.linalg.norm(away, axis=1)[:, None]
+    matrix = np.zeros((pairs, 3, 3))
     np.add.at(matrix, at, np.einsum("ri,rj->rij", pull, along))
+    matrix += np.einsum("p,pi,pj->pij", np.einsum("pii->p", matrix), nodes.normal, nodes.normal)  # and none along the normal
     inverse = np.linalg.pinv(matrix, rcond=NO_SLOPE, hermitian=True)
     step = np.einsum("rij,rj->ri", inverse[at], pull)  # G_a x = sum over neighbours b of step (x_b - x_a)
     rows = (3 * at[:, None] + np.arange(3)).ravel()
