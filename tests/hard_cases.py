@@ -104,14 +104,18 @@ def two_regions(**where):
     return against_plain(bridge(**where))
 
 
-def roughness(scene):
-    """How far the force on the obstacle is from steady: its distance from cubics over half of the path, root mean square over mean."""
+def force_on_obstacle(scene):
+    """(T,) [N] from the first touch on."""
     force = np.linalg.norm(solve(scene).reaction, axis=1)
-    force = force[np.flatnonzero(force)[0]:]
-    window = scene.steps.count // 4 * 2 + 1
-    smooth = scipy.signal.savgol_filter(force, window, 3)
-    inner = slice(window // 2, -(window // 2))
-    return float(np.sqrt(np.mean((force - smooth)[inner] ** 2)) / force.mean())
+    return force[np.flatnonzero(force)[0]:]
+
+
+def roughness(scene, force=None):
+    """How far the force on the obstacle is from steady: its distance from cubics over half of the path, root mean square over mean."""
+    force = force_on_obstacle(scene) if force is None else force
+    half = scene.steps.count // 4
+    off = (force - scipy.signal.savgol_filter(force, 2 * half + 1, 3))[half:-half]
+    return float(np.sqrt(np.mean(off**2)) / force.mean())
 
 
 def in_steps(count, **changes):
