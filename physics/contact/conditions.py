@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from physics.contact.points import merged, points_of
-from physics.contact.rounded import Rounded, rounded
+from physics.contact.rounded import rounded
 from physics.mesh.cell import CELLS
 from physics.mesh.mesh import Mesh, unique_edges
 from physics.schema import InputError
@@ -96,16 +96,16 @@ class ContactSurface:
 
 def _felt(mesh: Mesh, kind: str, divisions: int) -> tuple[scipy.sparse.csr_matrix, Floats]:
     """Weights (Q, N) and areas (Q,) of all points of a surface."""
-    facets, own = [(mesh.kind_of(facets), facets) for facets in mesh.boundary], scipy.sparse.identity(len(mesh.points), format="csr")
     finer = divisions * (2 if CELLS[mesh.cell].middles else 1)
     if kind == "smooth":
-        surface = Rounded(facets, own) if CELLS[mesh.cell].middles else rounded(mesh)
+        surface = rounded(mesh)
         weights, area = merged(*points_of(surface.facets, surface.weights @ mesh.points, mesh.thickness, finer, even=True))
         return (weights @ surface.weights).tocsr(), area
+    facets = [(mesh.kind_of(facets), facets) for facets in mesh.boundary]
     if kind == "facets":
         return merged(*points_of(facets, mesh.points, mesh.thickness, finer))
     weights, area = points_of(facets, mesh.points, mesh.thickness, divisions)
-    return own, weights.T @ area
+    return scipy.sparse.identity(len(mesh.points), format="csr"), weights.T @ area
 
 
 class Surfaces(ContactSurface):

@@ -27,8 +27,9 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from physics.mesh.cell import CELLS
+from physics.mesh.cell import CELLS, SECOND
 from physics.mesh.mesh import Mesh
+from physics.mesh.sound.rows import row_in
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -50,10 +51,14 @@ class Rounded:
 
 
 def rounded(mesh: Mesh) -> Rounded:
-    """The outer facets of a mesh of first order, with their edges rounded."""
-    count, sides = len(mesh.points), _sides(mesh)
+    """The outer facets of a mesh, of first order with their edges rounded, of second order as they are."""
+    count = len(mesh.points)
+    if CELLS[mesh.cell].middles:
+        return Rounded([(mesh.kind_of(facets), facets) for facets in mesh.boundary], scipy.sparse.identity(count, format="csr"))
+    normals = [_normals(mesh, facets) for facets in mesh.boundary]
+    sides = _sides(mesh, normals)
     end, side = _ends(mesh, sides)
-    node = _Nodes(mesh, sides)
+    node = _Nodes(mesh, sides, normals)
     away = _slopes(mesh, node, end, side) - _rows(end, np.array([-1.0, 1.0]), count)  # (R, N) d_ab
     meet = node.sides[end]  # (R, 2) how many sides there are at a and b
     share = np.select([meet[:, 0] < meet[:, 1], meet[:, 0] > meet[:, 1]], [1 / 4, 0.0], 1 / 8)
@@ -67,11 +72,10 @@ def _assembled(mesh: Mesh, edge: Integers, middles: scipy.sparse.csr_matrix) -> 
     """The facets with the middles (E, N) of their edges (E, 2), and a centre where the plane cell has one."""
     count, facets = len(mesh.points), []
     weights = scipy.sparse.vstack([scipy.sparse.identity(count), middles], format="csr")
-    keys = edge @ [count, 1]  # ascending
     for corners in mesh.boundary:
-        kind = next(cell for cell in CELLS.values() if cell.first == mesh.kind_of(corners))
+        kind = CELLS[SECOND[mesh.kind_of(corners)]]
         ends = [np.sort(corners[:, list(between)], axis=1) for between in kind.middles if len(between) == 2]
-        facet = np.concatenate([corners, *(count + np.searchsorted(keys, pair @ [count, 1])[:, None] for pair in ends)], axis=1)
+        facet = np.concatenate([corners, *(count + row_in(edge, pair)[:, None] for pair in ends)], axis=1)
         if facet.shape[1] < kind.nodes:  # Coons: the sum of the two ruled surfaces less the one through the corners
             centres = _rows(facet, np.repeat([-1 / 4, 1 / 2], 4), weights.shape[0]) @ weights
             facet = np.concatenate([facet, weights.shape[0] + np.arange(len(facet))[:, None]], axis=1)
@@ -86,7 +90,7 @@ def _rows(nodes: Integers, of: Floats, count: int) -> scipy.sparse.csr_matrix:
                                    shape=(len(nodes), count))
 
 
-def _sides(mesh: Mesh) -> list[Integers]:
+def _sides(mesh: Mesh, normals: list[Floats]) -> list[Integers]:
     """The side that each facet (F,) of each array of the boundary is of: those that meet smoothly are of one."""
     start = np.cumsum([0, *map(len, mesh.boundary)])
     rims, owner = [], []
@@ -98,7 +102,7 @@ def _sides(mesh: Mesh) -> list[Integers]:
     order = np.lexsort(rim.T)
     same = (rim[order[1:]] == rim[order[:-1]]).all(axis=1)
     one, other = facet[order[:-1][same]], facet[order[1:][same]]
-    normal = np.concatenate([_normals(mesh, facets) for facets in mesh.boundary])
+    normal = np.concatenate(normals)
     smooth = np.einsum("ei,ei->e", normal[one], normal[other]) > np.cos(np.radians(SHARP))
     meet = scipy.sparse.coo_matrix((smooth[smooth], (one[smooth], other[smooth])), shape=(start[-1], start[-1]))
     return np.split(connected_components(meet, directed=False)[1].astype(np.int64), start[1:-1])
@@ -119,7 +123,7 @@ def _normals(mesh: Mesh, facets: Integers) -> Floats:
 def _ends(mesh: Mesh, sides: list[Integers]) -> tuple[Integers, Integers]:
     """Every edge as each side has it, from a to b and from b to a: (R, 2) and (R,) the side."""
     found = [np.stack([facets[:, i], facets[:, j], side], axis=1) for facets, side in zip(mesh.boundary, sides, strict=True)
-             for pair in CELLS[mesh.kind_of(facets)].edges or ((0, 1),) for i, j in (pair, pair[::-1])]
+             for pair in CELLS[mesh.kind_of(facets)].edges for i, j in (pair, pair[::-1])]
     rows = np.unique(np.concatenate(found), axis=0)
     return rows[:, :2], rows[:, 2]
 
@@ -131,14 +135,11 @@ class _Nodes:
     normal: (P, 3) unit normals, the means of the facets around
     """
 
-    def __init__(self, mesh: Mesh, sides: list[Integers]) -> None:
+    def __init__(self, mesh: Mesh, sides: list[Integers], normals: list[Floats]) -> None:
         self._count = len(mesh.points)
-        key, normal = [], []
-        for facets, side in zip(mesh.boundary, sides, strict=True):
-            key.append((side[:, None] * self._count + facets).ravel())
-            normal.append(np.repeat(_normals(mesh, facets), facets.shape[1], axis=0))
-        each = np.concatenate(normal)
-        self._keys, at = np.unique(np.concatenate(key), return_inverse=True)
+        keys = [(side[:, None] * self._count + facets).ravel() for facets, side in zip(mesh.boundary, sides, strict=True)]
+        self._keys, at = np.unique(np.concatenate(keys), return_inverse=True)
+        each = np.concatenate([np.repeat(normal, facets.shape[1], axis=0) for facets, normal in zip(mesh.boundary, normals, strict=True)])
         total = np.stack([np.bincount(at, each[:, i]) for i in range(3)], axis=1)
         self.normal = total / np.linalg.norm(total, axis=1, keepdims=True)
         self.sides = np.bincount(self._keys % self._count, minlength=self._count)
