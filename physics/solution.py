@@ -60,7 +60,8 @@ class Solution:
     kinetic_energy: Floats | None = None  # (T,) [J]; None where inertia is left out
     linear_steps: int = 0  # the first ones, which solve linear elasticity
     resumed: int = 0  # steps that an earlier, unfinished run had reached
-    every: int = 1  # so many steps are one that was solved, and those before it that lie on splines (accuracy/between.py)
+    knots: tuple[int, ...] = ()  # the steps that were solved, where the others lie on splines through them (accuracy/between.py)
+    between: float = 0.0  # how far those are off in the quantity whose error was asked for, relative
     failure: str = ""  # empty when every step was reached
 
     def __repr__(self) -> str:
@@ -138,7 +139,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     found = Solution(
         mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
-        model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, every=1, failure=failure)
+        model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, knots=(), between=0.0, failure=failure)
     if look:
         found = of_path(scene, found)
     if failure and not partial:

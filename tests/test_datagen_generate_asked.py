@@ -60,7 +60,7 @@ def made(family, tmp_path_factory):
     folder = tmp_path_factory.mktemp("asked")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generate, "on_this_machine", here)
-        patch.setattr(generate, "choose", lambda scene: choose(scene, most=80 if scene == draw(family, 0, 1) else 2000))
+        patch.setattr(generate, "choose", lambda scene, **how: choose(scene, most=80 if scene == draw(family, 0, 1) else 2000, **how))
         return folder, generate.generate(family, counts(family), folder, workers=1)
 
 

@@ -82,7 +82,7 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
         return flow_trajectory(scene, solve_flow(scene, on_step=on_step, partial=True), seed=seed, index=index)
     accuracy: dict[str, Any] = {}
     if solution is None and scene.steps.error is not None:
-        choice = choose(scene)
+        choice = choose(scene, balanced=True)
         scene, solution = choice.scene, solve_chosen(choice, on_step=on_step, partial=True, balanced=True, snaps=snaps)
         accuracy = {} if solution.failure else {"accuracy": judge(choice, solution).table()}
     solution = solution or solve(scene, on_step=on_step, partial=True, snaps=snaps)

@@ -5,7 +5,7 @@
     pilot     a scene solved at a few poses on one of them, as values at fixed points
     climb     from the coarsest mesh of one order up to the one that keeps the error
     choose    the cheapest of them that keeps the error
-    between   all steps on it; on smooth paths few of them are solved
+    between   all steps on it, of which mostly few are solved
     frequency the same for the modes of a body
     table     what was chosen and what each choice makes of the error, in rows
 """

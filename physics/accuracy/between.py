@@ -1,21 +1,25 @@
-"""The whole scene on the mesh that was chosen: of a smooth path few steps are solved, those between lie on cubic splines through them.
+"""The whole scene on the mesh that was chosen: of a path that is smooth in parts few steps are solved, those between lie on cubic splines.
 
-Where nothing touches the body, and loads and supports grow evenly, equilibria are a smooth function of the fraction of the loading.
-Splines through every k-th step and the rest state are off by about k^4 times what they would be through all. How far is seen when every
-second of the solved steps is left out and held against the splines through the others: with an error that fell as slowly as k^2 a
-quarter of that would be left, which is what counts. Where it is too much more steps are solved, and where that is not enough all. So
-they are where a step fails, or the body snaps: splines know nothing of that. A step is begun between the last ones and the poses ahead
-that the search has found.
+Where loads, supports and obstacles go on evenly, equilibria are a smooth function of the fraction of the loading. A path may have kinks
+where an obstacle turns, where a table has a row, and where the first obstacle touches the body. So splines run from kink to kink,
+through FEWEST steps of each part at first, the knots. How far they are off is seen when every second knot is left out and held against
+the splines through the others: with an error that fell as slowly as k^2 for parts of k steps a quarter of that would be left, which is
+what counts. Under an obstacle all of it counts: there paths ripple as one row of points touches after the other, and denser knots may
+step over as much. Intervals where it is too much are divided, so that knots gather where the path bends. Where they would be more than
+SHARE of the steps all are solved. So they are where a step fails, or the body snaps: splines know nothing of that. A step is begun
+between the last ones and what is known ahead: the poses that the search has found, and later the knots there.
 
-Held components stay on their prescription. The residual of a step between is that in the middle of its interval, where it is largest.
-Legend: N nodes, K solved steps and the rest state, n other steps.
+Held components stay on their prescription. The residual of a step between is that in the middle of its interval.
+Legend: N nodes, K knots, n other steps.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,118 +29,170 @@ from scipy.interpolate import CubicSpline
 
 from physics.accuracy.choose import Choice
 from physics.accuracy.estimate import norm
+from physics.accuracy.pilot import FEWEST, turns
 from physics.body.supports import held
-from physics.equilibrium.balance import Balance
 from physics.equilibrium.newton import TOLERANCE
-from physics.scene import Scene
+from physics.equilibrium.path import LoadPath
+from physics.equilibrium.state import NoEquilibrium, State
+from physics.journal import Arrays
 from physics.solution import Solution, of_path, solve
 
 Floats = NDArray[np.float64]
 
 BETWEEN = 0.05  # of the error asked
-FEWEST = 8  # steps that are solved
 SHARE = 1 / 3  # of the steps: where more have to be solved all are
-TRIES = 2
-SLOWEST = 2  # order with which the error of splines falls at least
-USUAL = 3  # and by which it is foreseen
+TRIES = 8
+SLOWEST = {False: 2, True: 0}  # order with which the error of splines falls at least, without an obstacle and under one
+USUAL = {False: 3, True: 1}  # and by which it is foreseen
+ROUNDING = 1e-9  # of a step
+BEFORE = 4  # states that a step is begun from
 
 
 def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None, journal: str | Path | None = None,
                  partial: bool = False, balanced: bool = False, snaps: bool = True) -> Solution:
-    """All steps of a scene as it was chosen for an error: solved, or between solved ones (`Solution.every`).
+    """All steps of a scene as it was chosen for an error: solved, or between solved ones (`Solution.knots`).
 
     Args: as of `solve`; a journal is kept where all steps are solved
         balanced: whether every step is to satisfy the equations, to TOLERANCE at least: then all are solved
     Raises: as `solve`
     """
-    scene, count = choice.scene, choice.scene.steps.count
+    if not balanced:
+        try:
+            found = Course(choice, on_step or (lambda step: None)).followed()
+        except NoEquilibrium:
+            found = None
+        if found is not None:
+            return found
     tolerance = min(choice.tolerance, TOLERANCE) if balanced else choice.tolerance
-    how: dict[str, Any] = {"mesh": choice.mesh, "tolerance": tolerance, "small_strain": choice.small_strain, "snaps": snaps}
-    solved = _divisor(count, FEWEST) if smooth(scene) and not balanced else None
-    for _ in range(TRIES):
-        if solved is None:
-            break
-        every = count // solved
-
-        def reached(step: int, every: int = every) -> None:
-            if on_step is not None:
-                on_step(step * every)
-
-        fewer = replace(scene, steps=replace(scene.steps, count=solved))
-        found = solve(fewer, on_step=reached, partial=True, look=False, ahead=choice.states, **how | {"snaps": False})
-        if found.failure:
-            break
-        off = missed(choice, found, 1)
-        if off <= BETWEEN * choice.asked:
-            return _filled(scene, found, every)
-        solved = _divisor(count, solved * max(1.5, (off / (BETWEEN * choice.asked)) ** (1 / USUAL)))
-    return solve(scene, on_step=on_step, journal=journal, partial=partial, **how)
+    return solve(choice.scene, mesh=choice.mesh, on_step=on_step, journal=journal, partial=partial, tolerance=tolerance,
+                 small_strain=choice.small_strain, snaps=snaps)
 
 
-def smooth(scene: Scene) -> bool:
-    """Whether nothing that the scene says makes a kink in its path: no obstacle, and no table."""
-    return not scene.obstacles and all(load.steps is None for load in scene.load) and all(
-        support.steps is None for support in scene.support)
+@dataclass
+class Knot:
+    """A step that was solved: its state, and what `Solution` says of it."""
+
+    state: State
+    row: Arrays
+    linear: bool
 
 
-def missed(choice: Choice, solution: Solution, every: int) -> float:
-    """About how far splines through every so manyth frame are off, over the values themselves, in the quantity that the error is of."""
-    frames = np.arange(0, len(solution.displacement), every)
-    kept = np.unique([*range(0, len(frames), 2), len(frames) - 1])
-    left = np.setdiff1d(np.arange(len(frames)), kept)
-    to, led = splines(kept, left), {}
-    for name in ("displacement", "reaction"):
-        led[name] = (given := getattr(solution, name)).copy()
-        led[name][frames[left]] = np.tensordot(to, given[frames[kept]], 1)
-    values, weights = choice.pilots.of(choice.scene, solution, frames.tolist()), choice.pilots.weights
-    off = choice.pilots.of(choice.scene, replace(solution, **led), frames[left].tolist()) - values[left]
-    size = norm(values[1:], weights) / (len(frames) - 1) ** 0.5
-    return norm(off, weights) / len(left) ** 0.5 / size / 2**SLOWEST if size > 0 else 0.0
+class Course:
+    """The path of a scene through few of its steps, and more where it bends."""
+
+    def __init__(self, choice: Choice, on_step: Callable[[int], None]) -> None:
+        self._started, processor = time.perf_counter(), time.process_time()
+        self._choice, self._scene, self._count, self._on_step = choice, choice.scene, choice.scene.steps.count, on_step
+        self._path = LoadPath(choice.scene, choice.mesh, tolerance=choice.tolerance, small_strain=choice.small_strain, snaps=False)
+        self._touched = bool(self._scene.obstacles)
+        self._poses, self._knots = choice.states, {0: self._knot()}
+        self._kinks = self._parts()
+        self._set_up = time.process_time() - processor
+
+    def followed(self) -> Solution | None:
+        """The whole path; None where splines through a share of its steps are not close enough. Raises `NoEquilibrium`."""
+        wanted = {0} | {round(step) for a, b in pairwise(self._kinks) for step in np.linspace(a, b, min(FEWEST, b - a) + 1)}
+        for _ in range(TRIES):
+            if len(wanted) - 1 > SHARE * self._count:
+                break
+            self._solve(sorted(wanted - set(self._knots)))
+            off = self._missed()
+            allowed = BETWEEN * self._choice.asked
+            between = math.sqrt(sum((b - a - 1) * each**2 for (a, b), each in off.items()) / self._count)
+            if between <= allowed:
+                return self._filled(between)
+            for (a, b), each in off.items():
+                parts = min(b - a, math.ceil((each / allowed) ** (1 / USUAL[self._touched])))
+                wanted |= {round(step) for step in np.linspace(a, b, max(1, parts) + 1)}
+        return None
+
+    def _parts(self) -> list[int]:
+        """Steps between which the path may be smooth, from the last one at rest on."""
+        count, rests = self._count, self._path.balance.rests
+        rest = next((step for step in range(count) if not rests((step + 1) / count)), count - 1)
+        at = np.array(turns(self._scene)) * count
+        kinks = np.concatenate([np.floor(at + ROUNDING), np.ceil(at - ROUNDING)]).astype(int)
+        return sorted({rest, *kinks[kinks > rest].tolist()})
+
+    def _solve(self, steps: Sequence[int]) -> None:
+        """Make knots of some steps, in their order."""
+        for step in steps:
+            before = [knot.state for at, knot in sorted(self._knots.items()) if at < step]
+            ahead = [knot.state for at, knot in sorted(self._knots.items()) if at > step]
+            self._path.states, self._path.ahead = before[-BEFORE:], ahead or self._poses
+            self._path.advance(step / self._count)
+            if not (ahead or self._path.ahead):  # they led astray
+                self._poses = []
+            self._knots[step] = self._knot()
+            self._on_step(step)
+
+    def _knot(self) -> Knot:
+        return Knot(self._path.states[-1], self._path.frame(), self._path.linear is not None)
+
+    def _missed(self) -> dict[tuple[int, int], float]:
+        """About how far splines are off in each interval between knots, over the values themselves, in the quantity the error is of."""
+        pilots, found, steps = self._choice.pilots, self._solution(), np.array(sorted(self._knots))
+        values = pilots.of(self._scene, found, list(range(len(steps))))
+        size = norm(values[1:] * np.sqrt(np.diff(steps) / self._count)[:, None, None], pilots.weights)
+        off = np.zeros(len(steps))
+        for a, b in pairwise(self._kinks):
+            own = np.flatnonzero((a <= steps) & (steps <= b))
+            for left in (own[1:-1:2], own[2:-1:2]):
+                if len(left) and len(own) <= b - a:
+                    kept = np.setdiff1d(own, left)
+                    led: dict[str, Any] = {}
+                    for name in ("displacement", "reaction"):
+                        led[name] = (given := getattr(found, name)).copy()
+                        led[name][left] = np.tensordot(splines(steps[kept], steps[left]), given[kept], 1)
+                    miss = pilots.of(self._scene, replace(found, **led), left.tolist()) - values[left]
+                    off[left] = [norm(one[None], pilots.weights) / size / 2**SLOWEST[self._touched] if size > 0 else 0.0 for one in miss]
+        return {(int(steps[i]), int(steps[i + 1])): max(off[i], off[i + 1]) for i in range(len(steps) - 1) if steps[i + 1] - steps[i] > 1}
+
+    def _solution(self) -> Solution:
+        """The knots alone."""
+        path, knots = self._path, [self._knots[step] for step in sorted(self._knots)]
+        rows: dict[str, Any] = {name: np.array([knot.row[name] for knot in knots]) for name in knots[0].row}
+        return Solution(mesh=self._choice.mesh, **rows, factorisations=path.newton.factorisations, halvings=path.halvings,
+                        linear_steps=sum(knot.linear for knot in knots[1:]), model=path.model(),
+                        seconds=time.perf_counter() - self._started, set_up=self._set_up)
+
+    def _filled(self, off: float) -> Solution:
+        """The knots, and the steps between, which are off by so much."""
+        count, balance, found, ends = self._count, self._path.balance, self._solution(), sorted(self._knots)
+        to = self._through(ends)
+        names = ("displacement", "reaction", "energy", "penetration", *(("reactions",) if found.reactions is not None else ()))
+        each: dict[str, Any] = {name: np.tensordot(to, getattr(found, name), 1) for name in names}
+        u, fixed = each["displacement"], held(self._scene, found.mesh)
+        for step in set(range(count + 1)) - set(ends):
+            u[step][fixed] = balance.moved(step / count)[fixed]
+        linear = max(step for step in ends if self._knots[step].linear or not step)
+        residual, iterations, zeros = np.zeros(count + 1), np.zeros(count + 1, np.int64), np.zeros(count + 1)
+        residual[ends], iterations[ends] = found.relative_residual, found.newton_iterations
+        for a, b in pairwise(ends):
+            middle = (a + b + 1) // 2
+            residual[a + 1:b] = residual[b] if b <= linear or b - a == 1 else self._left(u[middle], middle)
+        said = f"{len(ends) - 1} of {count} are solved, the others lie on cubic splines through them"
+        return of_path(self._scene, replace(
+            found, **each, newton_iterations=iterations, relative_residual=residual, snap=zeros, released=zeros, linear_steps=linear,
+            knots=tuple(ends), between=off, seconds=time.perf_counter() - self._started, model=found.model | {"steps": said}))
+
+    def _through(self, ends: Sequence[int]) -> Floats:
+        """(T, K) what splines from kink to kink make of the values at the knots."""
+        to = np.zeros((self._count + 1, len(ends)))
+        for a, b in pairwise(self._kinks):
+            own = [i for i, step in enumerate(ends) if a <= step <= b]
+            to[a:b + 1] = 0.0
+            to[np.ix_(range(a, b + 1), own)] = splines(np.array(ends)[own], np.arange(a, b + 1))
+        return to
+
+    def _left(self, u: Floats, step: int) -> float:
+        """|residual| / |reaction| at displacements (N, 3), as in `Solution`."""
+        balance = self._path.balance
+        force, reactions = balance.missing(u, step / self._count)
+        reaction = float(np.linalg.norm(reactions, axis=1).sum()) or float(np.linalg.norm(force[balance.fixed]))
+        return float(np.linalg.norm(force[~balance.fixed])) / max(reaction, balance.floor / TOLERANCE)
 
 
 def splines(at: NDArray[Any], to: NDArray[Any]) -> Floats:
     """(n, K) what values at some places (K,) make of those at others (n,), by cubic splines through them."""
     return np.asarray(CubicSpline(at, np.eye(len(at)))(to))
-
-
-def _divisor(count: int, least: float) -> int | None:
-    """The smallest number of steps, at least so many, into which all can be grouped evenly; None where that is too large a share."""
-    return next((n for n in range(FEWEST, int(SHARE * count) + 1) if n >= least and count % n == 0), None)
-
-
-def _filled(scene: Scene, solution: Solution, every: int) -> Solution:
-    """A solution in large steps, with the steps between."""
-    started = time.perf_counter()
-    count, nodes = scene.steps.count, solution.mesh.points.shape
-    frames, ends = np.arange(count + 1), np.arange(0, count + 1, every)
-    to = splines(ends, frames)
-    u = (to @ solution.displacement.reshape(len(ends), -1)).reshape(-1, *nodes)
-    u[ends] = solution.displacement
-    balance = Balance(scene, solution.mesh)
-    fixed = held(scene, solution.mesh)
-    if balance.moves.varied:
-        for frame in frames:
-            u[frame][fixed] = balance.moved(frame / count)[fixed]
-    else:
-        u[:, fixed] = frames[:, None] / count * balance.target[fixed]
-    each = {name: to @ getattr(solution, name) for name in ("reaction", "energy")}
-    residual = np.append(solution.relative_residual[0], solution.relative_residual[1:].repeat(every))
-    linear = solution.linear_steps * every
-    for start in ends[:-1].tolist():
-        if start >= linear:
-            middle = start + (every + 1) // 2
-            residual[start + 1:start + every] = _left(balance, u[middle], middle / count)
-    iterations = np.zeros(count + 1, np.int64)
-    iterations[ends] = solution.newton_iterations
-    zeros = np.zeros(count + 1)
-    return of_path(scene, replace(
-        solution, displacement=u, **each, penetration=zeros, newton_iterations=iterations, relative_residual=residual, snap=zeros,
-        released=zeros, linear_steps=linear, every=every, seconds=solution.seconds + time.perf_counter() - started,
-        model=solution.model | {"steps": f"{count // every} of {count} are solved, the others lie on cubic splines through them"}))
-
-
-def _left(balance: Balance, u: Floats, fraction: float) -> float:
-    """|residual| / |reaction| at displacements (N, 3), as in `Solution`."""
-    force = balance.elasticity.force(u) - balance.apply_loads(fraction)
-    reaction = max(float(np.linalg.norm(force[balance.fixed])), balance.floor / TOLERANCE)
-    return float(np.linalg.norm(force[~balance.fixed])) / reaction

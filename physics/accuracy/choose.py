@@ -56,8 +56,12 @@ class Choice:
         return [State(fraction, u, np.zeros(0)) for fraction, u in zip(self.pilots.fractions.tolist(), self.pilot.u, strict=True)]
 
 
-def choose(scene: Scene, most: int = MOST_NODES) -> Choice:
-    """The cheapest mesh that keeps the error that a scene asks for, or the finest one tried. Args: most: nodes.
+def choose(scene: Scene, most: int = MOST_NODES, *, balanced: bool = False) -> Choice:
+    """The cheapest mesh that keeps the error that a scene asks for, or the finest one tried.
+
+    Args:
+        most: nodes
+        balanced: whether all steps will be solved on it, as in `solve_chosen`
 
     Raises:
         InputError: the scene has no solution to look for
@@ -66,7 +70,8 @@ def choose(scene: Scene, most: int = MOST_NODES) -> Choice:
     assert scene.steps.error is not None
     asked, quantity = scene.steps.error, scene.steps.quantity or "displacement"
     kinds = sorted(families(scene), key=lambda family: family.order)
-    pilots = Pilots(scene, kinds, quantity, tolerance=min(LOOSEST, asked / 100), small_strain=SMALL_STRAIN * asked)
+    pilots = Pilots(scene, kinds, quantity, tolerance=min(LOOSEST, asked / 100), small_strain=SMALL_STRAIN * asked,
+                    balanced=balanced)
     loose = math.nan
 
     def begun(climb: Climb) -> None:

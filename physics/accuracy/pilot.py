@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from physics.accuracy.ladder import MeshFamily, Sizes, points_of
 from physics.body.stress import nodal_stress, recovery, von_mises_of
+from physics.contact.obstacles import Rigid
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.state import HALVINGS, NoEquilibrium, State
 from physics.mesh.mesh import Mesh
@@ -31,6 +32,7 @@ from physics.solution import Solution, solve
 
 Floats = NDArray[np.float64]
 
+FEWEST = 8  # steps that are solved between two turns of what a scene says
 POSES = 4  # and two for each leg of a path or row of a table
 HALF = 0.6  # of the last displacement: the other pose on a path that goes one way
 # Cells of boxes among which one holds a point.
@@ -59,19 +61,22 @@ class Pilot:
 class Pilots:
     """The pilots of a scene, each solved once.
 
-    fractions: of the loading, (K,), known after the first pilot
+    fractions: of the loading, (K,), known after the first pilot; count: steps that will be solved on the mesh that is chosen
 
     Raises:
         NoEquilibrium: not even in as many steps as the scene has
         InputError: the mesh is too coarse for the scene, or the scene is wrong
     """
 
-    def __init__(self, scene: Scene, families: list[MeshFamily], quantity: str, *, tolerance: float, small_strain: float) -> None:
+    def __init__(self, scene: Scene, families: list[MeshFamily], quantity: str, *, tolerance: float, small_strain: float,
+                 balanced: bool = False) -> None:
+        """Args: tolerance, small_strain: as of `solve`; balanced: whether all steps of the scene will be solved in the end."""
         self.scene, self.quantity, self.tolerance, self.small_strain = scene, quantity, tolerance, small_strain
         self.points, self.weights = points_of(families[0])
         self.graded = bool(families[0].body.graded)
-        self.count, self.seconds = scene.steps.count, 0.0
-        self.fractions = np.arange(1, (poses := min(self.count, few(scene))) + 1) / poses
+        every, self.seconds = scene.steps.count, 0.0
+        self.count = every if balanced else min(every, FEWEST * max(1, len(turns(scene)) - 1))
+        self.fractions = np.arange(1, (poses := min(every, few(scene))) + 1) / poses
         self._known: dict[tuple[int, Sizes, float], Pilot] = {}
         self._last: Pilot | None = None
         self._placed: tuple[Mesh | None, NDArray[np.int64], Floats] = None, np.empty((0, 0), np.int64), np.empty((0, 0))
@@ -96,7 +101,7 @@ class Pilots:
     @property
     def straight(self) -> bool:
         """Whether the path goes one way, so that two poses are enough."""
-        return len(self.fractions) == 2 < min(self.count, POSES)
+        return len(self.fractions) == 2 < min(self.scene.steps.count, POSES)
 
     def knows(self, family: MeshFamily, sizes: Sizes) -> bool:
         """Whether a mesh was solved."""
@@ -169,13 +174,13 @@ class Pilots:
 
     def _along(self, scene: Scene, mesh: Mesh, tolerance: float) -> Pilot:
         """Follow the path to all poses in few steps, or in more where it snaps or ends."""
-        each = 1
+        each, most = 1, self.scene.steps.count
         poses = round(1 / float(np.diff([0.0, *self.fractions]).min()))
         while True:
-            count = min(each, -(-self.count // poses)) * poses
+            count = min(each, -(-most // poses)) * poses
             found = solve(replace(scene, steps=replace(scene.steps, count=count)), mesh=mesh, tolerance=tolerance,
                           small_strain=self.small_strain, partial=True, look=False)
-            if not (found.failure or found.snap.any()) or count >= self.count:
+            if not (found.failure or found.snap.any()) or count >= most:
                 break
             each *= 4
         if found.failure:
@@ -194,10 +199,18 @@ def cost(nodes: float, family: MeshFamily) -> float:
 
 def few(scene: Scene) -> int:
     """How many poses tell of a path: more where it goes by way-points or tables."""
-    rows = [len(obstacle.path) - 1 for obstacle in scene.obstacles]
-    rows += [len(load.steps) - 1 for load in scene.load if load.steps is not None]
-    rows += [len(support.steps) - 1 for support in scene.support if support.steps is not None]
-    return max(POSES, 2 * min(max(rows, default=1), 10))
+    return max(POSES, 2 * min(max((len(way) - 1 for way in ways(scene)), default=1), 10))
+
+
+def ways(scene: Scene) -> list[list[float]]:
+    """Fractions of the loading of the way-points of each obstacle and the rows of each table."""
+    tables = [load.steps for load in scene.load] + [support.steps for support in scene.support]
+    return [Rigid(obstacle).reached.tolist() for obstacle in scene.obstacles] + [list(steps) for steps in tables if steps is not None]
+
+
+def turns(scene: Scene) -> list[float]:
+    """Fractions of the loading between which all that a scene says goes on evenly, 0 and 1 among them."""
+    return sorted({0.0, 1.0, *(fraction for way in ways(scene) for fraction in way)})
 
 
 def _stress(scene: Scene, mesh: Mesh, u: Floats, linear: list[bool]) -> Any:

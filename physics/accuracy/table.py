@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from physics.accuracy.between import missed
 from physics.accuracy.choose import MOST_NODES, Choice
 from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
@@ -77,12 +76,11 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     add("kinematics", "the linear law, as asked" if choice.scene.linear else
         f"small strain in {solution.linear_steps} of {frames} steps" if solution.linear_steps else "finite strain", linear)
     add("tolerance", f"{choice.tolerance:.0e} of the reaction", choice.loose)
-    curves = missed(choice, solution, solution.every) if solution.every > 1 else 0.0
-    add("steps", f"{frames // solution.every} of {frames} are solved, those between lie on cubic splines" if curves else
-        f"all {frames} are solved", curves)
+    add("steps", f"{len(solution.knots) - 1} of {frames} are solved, those between lie on cubic splines" if solution.knots else
+        f"all {frames} are solved", solution.between)
     add("the path", "its end, against the pilot's", path)
     add("poses between", said, between)
-    estimated = climb.error + linear + choice.loose + curves + path + between
+    estimated = climb.error + linear + choice.loose + solution.between + path + between
     reached = bool(climb.reached and estimated <= choice.asked)
     ratio = solution.seconds / choice.pilot.seconds if choice.pilot.seconds else math.nan  # clocks of shared cores may stand still
     add("the whole scene", f"{family.said(climb.sizes)}; {climb.said}", estimated, solution.seconds)

@@ -13,6 +13,7 @@ from bisect import bisect_left, bisect_right
 from dataclasses import replace
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
@@ -37,6 +38,7 @@ Floats = NDArray[np.float64]
 GAP_TOLERANCE = 1e-6  # error of a gap over the size of a cell
 STRONGEST = 1e3  # of a load, in units of Young's modulus
 FARTHEST = 1e4  # of an obstacle's path, in lengths that are safe for one step
+TOUCHING = 0.05  # of a cell size, for a residual
 TURNED = 0.1  # of the smallest extent of the body that a node may move before a factor is made anew for correcting predictions
 
 
@@ -140,6 +142,27 @@ class Balance:
         if self.contact is None:
             return float("inf")
         return float(self.contact.gaps(np.zeros_like(self.mesh.points), self.contact.obstacle.position(fraction))[0].min(initial=np.inf))
+
+    def missing(self, u: Floats, fraction: float) -> tuple[Floats, Floats]:
+        """What any displacements (N, 3) lack to equilibrium at a fraction of the loading, f(u) - b - sum_q p_q n_q (N, 3) [N].
+
+        Contact forces p >= 0 at touching points are those that leave the least of it on free components (a non-negative least-squares
+        problem); a point touches when its gap is below TOUCHING cell sizes. With it the reactions (K, 3) [N] of the body on each obstacle.
+        """
+        force = self.elasticity.force(u) - self.apply_loads(fraction)
+        if self.contact is None:
+            return force, np.zeros((0, 3))
+        reactions, centre = np.zeros((len(self.contact.obstacle.each), 3)), self.contact.obstacle.position(fraction)
+        zone = self.contact.zone(u, centre, TOUCHING * self.size)
+        if len(zone.points) and np.isfinite(force).all():
+            _, normal = zone.gaps(u, centre)
+            movable = ~self.fixed[zone.nodes]  # (m, 3)
+            points, nodes = np.arange(len(zone.points)), np.arange(len(zone.nodes))
+            pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
+            p = scipy.optimize.nnls(pull, force[zone.nodes][movable], maxiter=100 * len(points))[0]
+            force[zone.nodes] -= zone.forces(p, normal)
+            reactions = -zone.obstacle.sums(p, normal)
+        return force, reactions
 
     def turned(self, u: Floats, at: Floats) -> bool:
         """Whether a factor made at one place (N, 3) no longer serves at another, as some node moved by TURNED of the extent h.

@@ -3,8 +3,8 @@
 Against the reference: root mean square errors, mesh quality (quality.py), energy, reaction and stress (stress.py). Against the
 equations, needing no reference:
 - residual force: what is missing to equilibrium at each frame, f(u) - b - sum_q p_q n_q on the free components, for the
-  contact forces p >= 0 at touching points that leave the least of it (a non-negative least-squares problem). A point
-  touches when its gap is below TOUCHING cell sizes. The reference for its size is the largest reaction of the trajectory.
+  contact forces p >= 0 that leave the least of it (`Balance.missing`). The reference for its size is the largest reaction of the
+  trajectory.
 - estimated error |K^-1 R|: one Newton step from the prediction, contact included, is about what it lacks to the equilibrium
   nearby. Its effectivity, estimated over true error, says whether that may be believed: 1 is perfect.
 - penetration of the obstacle, smallest det F and inverted cells.
@@ -20,7 +20,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import ArrayLike, NDArray
 
 from physics.body.stress import von_mises
@@ -32,7 +31,6 @@ from physics.mesh.mesh import Mesh
 from physics.scene import Scene
 
 Floats = NDArray[np.float64]
-TOUCHING = 0.05  # of a cell size
 OF_CELLS = ("mc", "ar", "smallest_det_f", "smallest_scaled_jacobian", "inverted_elements")
 OF_EQUATIONS = ("relative_residual", "energy_error", "reaction_error", "stress_error", "estimated_error", "effectivity",
                 "largest_penetration")
@@ -106,22 +104,10 @@ class Checker:
     def frame(self, u: Floats, fraction: float) -> Frame:
         """Displacements (N, 3) at a fraction of the loading, held against the equations."""
         balance = self.balance
-        outer = balance.apply_loads(fraction)
-        force = balance.elasticity.force(u) - outer
-        free, energy = ~balance.fixed, balance.elasticity.energy(u)
+        left, reactions = balance.missing(u, fraction)
         if balance.contact is None:
-            return Frame(float(np.linalg.norm(force[free])), -force[balance.bearing].sum(axis=0)[None], energy)
-        reactions, centre = np.zeros((len(balance.contact.obstacle.each), 3)), balance.contact.obstacle.position(fraction)
-        zone = balance.contact.zone(u, centre, TOUCHING * balance.size)
-        if len(zone.points) and np.isfinite(force).all():
-            _, normal = zone.gaps(u, centre)
-            movable = free[zone.nodes]  # (m, 3)
-            points, nodes = np.arange(len(zone.points)), np.arange(len(zone.nodes))
-            pull = zone.gradient(points, nodes, normal)[:, movable.ravel()].T  # (3 m, q)
-            p = scipy.optimize.nnls(pull, force[zone.nodes][movable], maxiter=100 * len(points))[0]
-            force[zone.nodes] -= zone.forces(p, normal)
-            reactions = -zone.obstacle.sums(p, normal)
-        return Frame(float(np.linalg.norm(force[free])), reactions, energy)
+            reactions = -left[balance.bearing].sum(axis=0)[None]
+        return Frame(float(np.linalg.norm(left[~balance.fixed])), reactions, balance.elasticity.energy(u))
 
     def correction(self, u: Floats, fraction: float) -> Floats:
         """(N, 3) one Newton step from displacements (N, 3), contact included; infinite where none can be made."""
