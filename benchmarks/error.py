@@ -42,7 +42,8 @@ from physics.scene import read_scene
 from physics.solution import solve
 
 ERRORS, MOST, STEPS = (0.03, 0.01, 0.003), 8000, 400
-FINER, LARGEST = (2.0, 1.5, 1.2, 1.0, 0.8), 9000  # a reference's cells over an answer's, the first with at most so many nodes
+FINER, LARGEST = (2.0, 1.5, 1.2, 1.0, 0.8), 10000  # a reference's cells over an answer's, the first with at most so many nodes
+LONG = range(12, 0, -1)  # a quarter of those along the longest side, where an obstacle rolls over a box
 HEADS = ("scene", "asked", "estimated", "true", "of the reference", "promised", "mesh", "nodes", "seconds", "uniform, seconds", "its nodes")
 FEWEST = 5  # steps of a uniform mesh
 CELLS = 2, 3, 4  # its meshes, in parts of their numbers of cells
@@ -129,8 +130,11 @@ def reference(scene, choice, solution):
     frames, fractions = poses(scene.steps.count)
     family = max(families(scene), key=lambda one: one.order)
     second = 0.6 if climb.family.order < family.order else 1.0
-    for finer in FINER:
-        parts = [family.whole(math.ceil(finer * second * cells / CELLS[-1])) for cells in climb.sizes]
+    extent = [side for side in scene.body.extent if side] if scene.body.shape in ("beam", "plate") else []
+    rolls = scene.obstacles and extent
+    for finer in LONG if rolls else FINER:
+        numbers = [finer * side / max(extent) for side in extent] if rolls else [finer * second * n / CELLS[-1] for n in climb.sizes]
+        parts = [family.whole(max(1, round(number) if rolls else math.ceil(number))) for number in numbers]
         if len(family.rung(tuple(CELLS[-1] * part for part in parts))[1].points) <= LARGEST:
             break
     near, found = Pilot(solution.mesh, np.zeros(0), solution.displacement[frames], 0.0), []

@@ -132,7 +132,7 @@ def test_points_of_comparison_lie_in_all_meshes_of_a_box_and_weigh_one():
 
 @pytest.mark.parametrize("changes, words", [
     ({"body": SIDES | {"cells": [3, 1, 1]}},
-     "body.cells: steps.error decides cells, cell_size, graded, layers, order, element, cell; leave cells"),
+     "body.cells: steps.error decides cells, cell_size, graded, focus_x, focus_y, focus_z, layers, order, element, cell; leave cells"),
     ({"body": SIDES | {"order": 2, "cell": "hexahedron"}}, "leave order and cell out"),
     ({"steps": {"error": 0.0}}, "steps.error = 0.0"),
     ({"steps": {"error": 1.0}}, "steps.error = 1.0"),

@@ -67,7 +67,35 @@ def test_boxes_are_graded_to_faces_that_are_clamped_where_nothing_else_bears_the
     assert graded(("x-min z-min", "xyz")) is None
     plane = {"shape": "plate", "length": 0.06, "width": 0.02, "cell": "triangle"}
     assert graded(("x-min", "xy"), body=plane) == ("x-min",) and graded(("x-min", "xy"), ("x-max", "x"), body=plane) is None
-    assert {one.body.graded for one in families(under())} == {None}
+    assert graded(("x-min", "xyz"), body=SIDES) == ("x-min",) and {one.body.graded for one in families(under())} == {("x-min",)}
+
+
+@pytest.mark.parametrize("obstacle, x, y", [
+    ({}, ((0.05, 0.005),), None),  # half of the radius along the way of a cylinder across the beam
+    ({"shape": "sphere"}, ((0.05, 0.005),), ((0.01, 0.005),)),
+    ({"axis": [1.0, 0.0, 0.0]}, None, ((0.01, 0.005),)),
+    ({"axis": [0.6, 0.8, 0.0]}, ((0.05, 0.004 + 0.00375),), None),  # its axis crosses the beam within 7.5 mm to either side of its middle
+    ({"path": [[0.04, 0.01, 0.03], [0.044, 0.01, 0.02]]}, ((pytest.approx(0.042), 0.005),), None),
+])
+def test_boxes_are_graded_to_where_round_obstacles_press_them(obstacle, x, y):
+    for one in families(under(**obstacle)):
+        body = one.rung(one.base)[0].body
+        assert (body.graded, body.focus_x, body.focus_y, body.focus_z) == (("x-min",), x, y, None)
+        assert one.said((6, 2, 1)).endswith("graded to x-min" + " and contact" * (x is not None or y is not None))
+
+
+@pytest.mark.parametrize("obstacle", [
+    {"contact": "nodes"}, {"path": [[0.04, 0.01, 0.03], [0.046, 0.01, 0.02]]},  # slides
+    {"path": [[0.07, 0.01, 0.03], [0.07, 0.01, 0.02]]},  # beside the beam
+    {"shape": "box", "size": [0.01, 0.01, 0.02], "radius": None}])
+def test_under_nodes_and_where_an_obstacle_presses_no_one_place_a_box_stays_even(obstacle):
+    assert all(one.rung(one.base)[0].body.even for one in families(under(**obstacle)))
+
+
+def test_where_a_support_elsewhere_bears_it_too_a_pressed_box_stays_even():
+    scene = under()
+    both = replace(scene, support=(*scene.support, replace(scene.support[0], where="x-max", fixed="z")))
+    assert all(one.rung(one.base)[0].body.even for one in families(both))
 
 
 def test_a_plane_plate_keeps_its_cells_and_a_panel_has_tetrahedra():

@@ -11,10 +11,12 @@ from physics.schema import Bound
 LENGTH, FAR = ("m", 0, None, 1e-9, 1e9), ("m", None, None, -1e9, 1e9)
 STRONG, FACTOR = (None, None, -1e18, 1e18), ("", None, None, -1e9, 1e9)
 ANGLE = ("degrees", None, None, -36_000, 36_000)
+FOCUS = ("m", None, None, 0, 1e9)
 # (unit, above, below, at least, at most), of keys that have any
 BOUNDS = {
     Body: {"length": LENGTH, "width": LENGTH, "height": LENGTH, "cell_size": LENGTH, "hole_radius": LENGTH, "hole_cell_size": LENGTH,
-           "thickness": LENGTH, "cells": ("", None, None, 1, 10_000), "order": ("", None, None, 1, 2), "outline": FAR, "holes": FAR,
+           "thickness": LENGTH, "cells": ("", None, None, 1, 10_000), "order": ("", None, None, 1, 2), "focus_x": FOCUS, "focus_y": FOCUS,
+           "focus_z": FOCUS, "outline": FAR, "holes": FAR,
            "layers": ("", None, None, 1, 1000), "scale": ("", 0, None, 1e-12, 1e12), "hole_centre": FAR},
     Orthotropic: {"young_moduli": ("Pa", 0, None, 1e-9, 1e18), "poisson_ratios": ("", None, None, -100, 100),
                   "shear_moduli": ("Pa", 0, None, 1e-9, 1e18)},
@@ -52,8 +54,9 @@ def test_every_key_is_needed_has_a_default_or_is_not_given(kind):
 
 
 @pytest.mark.parametrize(("kind", "table", "keys"), [
-    (Body, {}, "shape length width height cells cell_size graded cell order element"),
-    (Body, {"shape": "beam", "cell": "triangle"}, "shape length width height cells cell_size graded cell order element plane thickness"),
+    (Body, {}, "shape length width height cells cell_size graded focus_x focus_y focus_z cell order element"),
+    (Body, {"shape": "beam", "cell": "triangle"},
+     "shape length width height cells cell_size graded focus_x focus_y focus_z cell order element plane thickness"),
     (Body, {"shape": "channel"}, "shape length height hole_centre hole_radius cell_size hole_cell_size cell order element plane thickness"),
     (Body, {"shape": "panel"}, "shape outline holes height layers cell_size cell order element"),
     (Body, {"shape": "file"}, "shape path scale order element plane thickness"),

@@ -33,7 +33,7 @@ def test_every_default():
     assert dataclasses.asdict(found) == {
         "name": "scene",
         "body": {"shape": "beam", "length": 0.1, "width": 0.02, "height": 0.02, "cells": (4, 2, 2), "cell_size": None,
-                 "graded": None, "cell": "prism",
+                 "graded": None, "focus_x": None, "focus_y": None, "focus_z": None, "cell": "prism",
                  "order": 1,
                  "element": "standard", "outline": None, "holes": None, "layers": None, "path": None,
                  "scale": None, "hole_centre": None, "hole_radius": None, "hole_cell_size": None,
@@ -141,11 +141,13 @@ def test_extent_divisions_and_places():
 
 
 @pytest.mark.parametrize("body, words", [
-    (BEAM | {"path": "a"}, "body.path: a beam takes length, width, height, cells, cell_size, graded, cell, shape, order, element"),
+    (BEAM | {"path": "a"},
+     "body.path: a beam takes length, width, height, cells, cell_size, graded, focus_x, focus_y, focus_z, cell, shape, order, element"),
     (BEAM | {"plane": "strain"}, "body.plane: a beam takes"), (BEAM | {"thickness": 1.0}, "body.thickness: a beam takes"),
     (BEAM | {"hole_radius": 1.0}, "body.hole_radius: a beam takes"),
     (PLATE | {"height": 1.0},
-     "body.height: a plane plate takes length, width, cells, cell_size, graded, cell, shape, order, element, plane, thickness"),
+     "body.height: a plane plate takes length, width, cells, cell_size, graded, focus_x, focus_y, focus_z, cell, shape, order, element, "
+     "plane, thickness"),
     (BEAM | {"shape": "plate", "plane": "stress"}, "body.plane: a plate takes length, width, height"),
     ({"shape": "channel", "width": 1.0}, "body.width: a channel takes length, height, hole_centre"),
     ({"shape": "channel", "cells": [1, 1]}, "body.cells: a channel takes"),
@@ -288,9 +290,9 @@ def test_files(tmp_path):
 
 @pytest.mark.parametrize("name, table, takes", [
     ("body", {"shape": "file", "file": "a.msh"}, "shape, path, scale, order, element, plane, thickness"),
-    ("body", {"lenght": 1}, "shape, length, width, height, cells, cell_size, graded, cell, order, element"),
+    ("body", {"lenght": 1}, "shape, length, width, height, cells, cell_size, graded, focus_x, focus_y, focus_z, cell, order, element"),
     ("body", {"shape": "plate", "cell": "triangle", "x": 1},
-     "shape, length, width, height, cells, cell_size, graded, cell, order, element, plane, thickness"),
+     "shape, length, width, height, cells, cell_size, graded, focus_x, focus_y, focus_z, cell, order, element, plane, thickness"),
     ("obstacle", {"shape": "sphere", "place": 1}, "shape, radius, path, steps, contact"),
     ("obstacle", {"shape": "capsule", "r": 1}, "shape, radius, length, axis, path, steps, contact"),
     ("obstacle", {"shape": "box", "r": 1}, "shape, size, radius, angle, axis, path, steps, contact"),

@@ -139,7 +139,7 @@ def see(scene: Scene) -> Beam:
     wrong = [
         (body.shape != "beam" or body.cell != "prism" or body.element != "standard",
          "the body is not a beam of first-order prisms"),
-        (min(body.divisions[1:], default=0) < 2, "it has fewer than two cells across"), (bool(body.graded), "its cells are not even"),
+        (min(body.divisions[1:], default=0) < 2, "it has fewer than two cells across"), (not body.even, "its cells are not even"),
         (len(scene.obstacles) > 1, "it has several obstacles"), (len(scene.materials) > 1, "it has several materials"),
         (scene.steps.dynamic or bool(scene.load), "it has loads or inertia"),
         (not held or not held <= {"x-min", "x-max"} or any(set(s.fixed) != set("xyz") or any(s.displacement) for s in scene.support),

@@ -4,7 +4,7 @@ A beam or plate is cut into hexahedra, of first order (with one dilatation a cel
 by themselves; a plane plate into its cells, of either order. A panel has numbers in its plane and of its layers, in tetrahedra. A file's
 own mesh is taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body
 share: the middles of a regular grid in a box, else those of the cells of the coarsest mesh. Boxes that clamped faces alone bear are
-graded to these, and round obstacles meet a smooth surface.
+graded to these and to where round obstacles press them, which meet a smooth surface.
 
 Triangles of second order come in even numbers: their diagonals alternate, so that of odd and even numbers other corners of the body are
 cut, where stress is singular, and an error that falls from even to even need not from even to odd.
@@ -18,6 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from physics.mesh.cell import CELLS, SECOND
 from physics.mesh.mesh import Mesh
 from physics.mesh.refine import halved
 from physics.mesh.second import corners_only, is_curved
-from physics.scene import PLACES, PLANE_CELLS, Body, Scene
+from physics.scene import FOCUS, PLACES, PLANE_CELLS, Body, Obstacle, Scene
 
 Floats = NDArray[np.float64]
 Sizes = tuple[int, ...]
@@ -37,6 +38,7 @@ Sizes = tuple[int, ...]
 ALONG = 6  # cells along the longest side of the coarsest mesh
 GROWTH = 1.5  # from one number of cells to the next
 STIFF = 0.45  # Poisson's ratio from which second-order cells have mean dilatation
+LOCAL = 0.5  # of a side over which cells get shorter around an obstacle, at most
 GRID = 10  # points of comparison along the longest side of a box
 MOST_POINTS = 800
 ROUND = 0.1  # of a halving that may be wanting
@@ -123,7 +125,8 @@ class MeshFamily:
         if self.body.shape == "file":
             return f"the file's own, {order} order" + (f", each side in {sizes[0]}" if sizes[0] > 1 else "")
         kind = "tetrahedra" if self.body.shape == "panel" else CELLS[self.body.cell].plural if len(sizes) == 2 else "hexahedra"
-        graded = f", graded to {' and '.join(self.body.graded)}" if self.body.graded else ""
+        to = [*(self.body.graded or ()), *["contact"] * any(self.body.focus)]
+        graded = f", graded to {' and '.join(to)}" if to else ""
         return f"{' x '.join(map(str, sizes))} {kind}, {order} order{graded}"
 
     @property
@@ -144,7 +147,11 @@ def families(scene: Scene) -> list[MeshFamily]:
         first = MeshFamily(scene, 1, (1,), ("the file's cells",), mesh)
         return [replace(first, order=2), first] if second else [first]
     if body.shape != "panel":
-        body = replace(body, graded=_clamped(scene) or None)
+        clamped, spots = _clamped(scene), _pressed(scene)
+        if clamped and spots is not None:
+            body = replace(body, graded=clamped, **spots)
+        else:
+            body = replace(body, graded=None)
         scene = replace(scene, body=body)
     extent, longest = [side for side in body.extent if side], max(body.extent)
     width = min((Rigid(obstacle).width for obstacle in scene.obstacles), default=math.inf)
@@ -166,12 +173,43 @@ def families(scene: Scene) -> list[MeshFamily]:
 
 
 def _clamped(scene: Scene) -> tuple[str, ...]:
-    """The faces of a box that its supports hold in all directions; none where an obstacle or a support elsewhere bears it too, for cells
-    should not be longer there."""
+    """The faces of a box that its supports hold in all directions; none where a support elsewhere bears it too, for cells should not be
+    longer there, nor under an obstacle that meets facets, over which errors fall by no order."""
     plane = scene.body.cell in PLANE_CELLS
     held = {face: {axis for support in scene.support if support.where == face for axis in support.fixed} for face in PLACES}
     clamped = tuple(face for face in PLACES if held[face] >= set("xy" if plane else "xyz"))
-    return clamped if not scene.obstacles and all(support.where in clamped for support in scene.support) else ()
+    rolls = all(obstacle.contact == "smooth" for obstacle in scene.obstacles)
+    return clamped if rolls and all(support.where in clamped for support in scene.support) else ()
+
+
+def _pressed(scene: Scene) -> dict[str, Any] | None:
+    """Where obstacles press a box, along the axes across their way: each over half of how far it reaches along them.
+
+    None where one of them presses no such place, as one with edges, or one that slides: there cells should not be longer than elsewhere.
+    """
+    spots: dict[str, list[tuple[float, float]]] = {}
+    for obstacle in scene.obstacles:
+        path, before = np.array(obstacle.path), sum(map(len, spots.values()))
+        for axis, (key, side) in enumerate(zip(FOCUS, scene.body.extent, strict=True)):
+            way, within = path[:, axis], _reach(obstacle, axis, scene.body) / 2
+            if within < LOCAL * side and 0 <= way.min() and way.max() <= side and np.ptp(way) < within:
+                spots.setdefault(key, []).append((float(way.mean()), within))
+        if sum(map(len, spots.values())) == before:
+            return None
+    return {key: tuple(found) for key, found in spots.items()}
+
+
+def _reach(obstacle: Obstacle, axis: int, body: Body) -> float:
+    """How far an obstacle reaches along an axis from its centre [m], a cylinder where it lies over the body; for ever with edges."""
+    if obstacle.shape in ("box", "half-space"):
+        return math.inf
+    if obstacle.shape != "cylinder":
+        return Rigid(obstacle).shape.reach(np.eye(3)[axis])
+    assert obstacle.radius is not None
+    along = np.abs(obstacle.axis) / np.linalg.norm(obstacle.axis)
+    sides = [(body.extent[other], along[other]) for other in range(3) if other != axis and along[other] > 0]
+    over = min((side / 2 / share for side, share in sides), default=math.inf)
+    return float(obstacle.radius * math.sqrt(1 - along[axis]**2) + (over * along[axis] if along[axis] > 0 else 0.0))
 
 
 def _smooth(scene: Scene) -> Scene:

@@ -73,7 +73,7 @@ class Pilots:
         """Args: tolerance, small_strain: as of `solve`; balanced: whether all steps of the scene will be solved in the end."""
         self.scene, self.quantity, self.tolerance, self.small_strain = scene, quantity, tolerance, small_strain
         self.points, self.weights = points_of(families[0])
-        self.graded = bool(families[0].body.graded)
+        self.graded = not families[0].body.even
         every, self.seconds = scene.steps.count, 0.0
         self.count = every if balanced else min(every, FEWEST * max(1, len(turns(scene)) - 1))
         self.fractions = np.arange(1, (poses := min(every, few(scene))) + 1) / poses

@@ -12,10 +12,12 @@ PLANE_CELLS, SOLID_CELLS = ("triangle", "quadrilateral"), ("prism", "tetrahedron
 Vector = tuple[float, float, float]
 FAR: dict[str, Any] = {"at_least": -1e9, "at_most": 1e9}  # of coordinates and displacements [m], and of velocities [m/s]
 
+FOCUS = ("focus_x", "focus_y", "focus_z")
+
 # Which keys of [body] each shape takes besides shape, order, and for plane cells plane and thickness.
 KEYS = {
-    "beam": ("length", "width", "height", "cells", "cell_size", "graded", "cell"),
-    "plate": ("length", "width", "height", "cells", "cell_size", "graded", "cell"),
+    "beam": ("length", "width", "height", "cells", "cell_size", "graded", *FOCUS, "cell"),
+    "plate": ("length", "width", "height", "cells", "cell_size", "graded", *FOCUS, "cell"),
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "hole_cell_size", "cell"),
     "panel": ("outline", "holes", "height", "layers", "cell_size", "cell"),
     "file": ("path", "scale"),
@@ -39,7 +41,8 @@ class Body:
         0.001 for a file in millimetres.
 
     A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. Its cells are even, or get shorter towards
-    the faces that they are `graded` to (mesh/shapes/boxes.py), clamped ones, at whose edges strain has no limit. `order` 2 has
+    the faces that they are `graded` to (mesh/shapes/boxes.py), clamped ones, at whose edges strain has no limit, and around places along
+    an axis, as where an obstacle touches. `order` 2 has
     quadratic displacements, in tetrahedra of 10, hexahedra of 27, triangles of 6 and quadrilaterals of 9 nodes (not for prisms); cells
     of second order in a file then keep their curved sides. A plane body deforms in its plane, either with no strain across it (plane
     = "strain", the default: a slice of a long body) or with no stress ("stress": a thin sheet); `thickness` is its extent across [m].
@@ -52,6 +55,7 @@ class Body:
     cells: how many along the axes
     cell_size: their edges, about
     graded: faces towards which cells get shorter
+    focus_x, focus_y, focus_z: places along x, y and z around which cells get shorter, each (where, over how far)
     cell: their kind
     order: of the displacement in a cell; of prisms 1
     element: how cells are sampled
@@ -73,6 +77,9 @@ class Body:
     cells: tuple[int, ...] | None = quantity(None, at_least=1, at_most=10_000)
     cell_size: float | None = quantity(None, unit="m", above=0, at_least=1e-9, at_most=1e9)
     graded: tuple[str, ...] | None = quantity(None, choice=PLACES)
+    focus_x: tuple[tuple[float, float], ...] | None = quantity(None, unit="m", at_least=0, at_most=1e9)
+    focus_y: tuple[tuple[float, float], ...] | None = quantity(None, unit="m", at_least=0, at_most=1e9)
+    focus_z: tuple[tuple[float, float], ...] | None = quantity(None, unit="m", at_least=0, at_most=1e9)
     cell: str = quantity("prism", choice=SOLID_CELLS + PLANE_CELLS)
     order: int = quantity(1, at_least=1, at_most=2)
     element: str = quantity("standard", choice=("standard", "mean-dilatation", "reduced"))
@@ -105,6 +112,16 @@ class Body:
         sides = (self.length, self.height, 0.0) if self.shape == "channel" else (self.length, self.width, self.height or 0.0)
         assert None not in sides
         return sides  # type: ignore[return-value]
+
+    @property
+    def focus(self) -> list[tuple[tuple[float, float], ...]]:
+        """Along each axis the places around which cells get shorter [m], and over how far."""
+        return [self.focus_x or (), self.focus_y or (), self.focus_z or ()]
+
+    @property
+    def even(self) -> bool:
+        """Whether all cells of a box are alike."""
+        return not (self.graded or any(self.focus))
 
     @property
     def divisions(self) -> tuple[int, ...]:

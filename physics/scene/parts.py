@@ -140,7 +140,7 @@ class Steps:
     duration: of all of them
     dynamic: whether the body has inertia
     velocity: of the body at the start
-    error: asked for, relative; in place of cells, cell_size, graded, layers, cell (of a solid), order and element
+    error: asked for, relative; in place of cells, cell_size, graded, focus, layers, cell (of a solid), order and element
     quantity: that the error is of; displacement when left out
     """
 

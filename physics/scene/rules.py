@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from physics.scene.body import KEYS, PLANE_CELLS, SOLID_CELLS, Body, Material, Where
+from physics.scene.body import FOCUS, KEYS, PLANE_CELLS, SOLID_CELLS, Body, Material, Where
 from physics.scene.parts import NEEDS, TAKES, Load, Obstacle, Steps, Support
 from physics.scene.surface import read_surface, surface_in
 from physics.scene.tables import check_steps
@@ -60,7 +60,7 @@ def _with_moduli(material: Any, key: str) -> Any:
 def chosen_keys(body: Any) -> tuple[str, ...]:
     """The keys of a body's table that an error asked for decides, how fine its mesh is. A plane body's cell stays its own."""
     plane = isinstance(body, dict) and body.get("cell") in PLANE_CELLS
-    return ("cells", "cell_size", "graded", "layers", "order", "element", *(() if plane else ("cell",)))
+    return ("cells", "cell_size", "graded", *FOCUS, "layers", "order", "element", *(() if plane else ("cell",)))
 
 
 def check_error(steps: Steps, body: Body, given: dict[str, Any]) -> None:
@@ -131,6 +131,11 @@ def check_body(body: Body, given: dict[str, Any], *, chosen: bool = False) -> No
         raise InputError("body.element = \"reduced\": for cells of first order only; leave it or order = 2 out")
     if wrong := [face for face in body.graded or () if face not in (body.places or ())]:
         raise InputError(f"body.graded: {kind} has no {wrong[0]}, but {', '.join(body.places or ())}")
+    for key, side, spots in zip(FOCUS, body.extent if any(body.focus) else (), body.focus, strict=False):
+        for i, (place, within) in enumerate(spots):
+            if not (place <= side and 0 < within <= side):
+                raise InputError(f"body.{key}[{i}] = [{place:g}, {within:g}]: give a place on the side, from 0 to {side:g} m, and over how "
+                                 "far cells get shorter, above 0 and at most as long")
     if body.shape == "panel":
         _check_panel(body, chosen=chosen)
     if chosen:

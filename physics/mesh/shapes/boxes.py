@@ -6,6 +6,12 @@ Cells are even, or graded to some faces: the k-th of n cells from such a face en
 
 so that the first of 16 cells is a quarter of the mean and the last 1.5 times as long. Where strain grows like r^(l - 1) at distance r from
 a clamped edge such meshes bring back the order of convergence that even ones lose (Babuska, Kellogg and Pitkaranta, Numer. Math. 33, 1979).
+
+Where cells are to be shorter around places c along an axis as well, each over about w, there are
+
+    1 + 3 sum 1 / (1 + (x - c)^2 / w^2)      of them in a length for one far away; a face that they are graded to counts as a place there,
+                                             with w a tenth of the side
+
 Legend: N nodes, C cells.
 """
 
@@ -17,6 +23,7 @@ from physics.mesh.mesh import Floats, Integers, Mesh
 from physics.scene import PLACES, Body
 
 GRADING = 1.5  # p
+DENSER, BESIDE, FINE = 3.0, 0.1, 10_000  # the factor of the sum; w of a face over the side; parts in which the sum is found
 
 
 def box(body: Body) -> Mesh:
@@ -59,11 +66,22 @@ def rectangle(body: Body) -> Mesh:
 
 def _lines(body: Body) -> list[Floats]:
     """Where the cells of a box end along each axis."""
-    even = (np.linspace(0.0, side, n + 1) for side, n in zip(body.extent, body.divisions, strict=False))
+    sides = list(zip(body.extent, body.divisions, strict=False))
+    if any(body.focus):
+        return [_focused(side, n, [*spots, *((end * side, BESIDE * side) for end, face in enumerate(PLACES[2 * axis:2 * axis + 2])
+                                             if face in (body.graded or ()))])
+                for axis, ((side, n), spots) in enumerate(zip(sides, body.focus, strict=False))]
+    even = [np.linspace(0.0, side, n + 1) for side, n in sides]
     if not body.graded:
-        return list(even)
-    return [side * _graded(ends / side, body.graded, axis)
-            for axis, (ends, side) in enumerate(zip(even, body.extent, strict=False))]
+        return even
+    return [side * _graded(ends / side, body.graded, axis) for axis, (ends, (side, _)) in enumerate(zip(even, sides, strict=True))]
+
+
+def _focused(side: float, n: int, spots: list[tuple[float, float]]) -> Floats:
+    """Where n cells of a side end which are shorter around some places, each over about so far."""
+    x = np.linspace(0.0, side, FINE + 1)
+    cells = x + DENSER * sum(within * (np.arctan((x - place) / within) + np.arctan(place / within)) for place, within in spots)
+    return np.interp(np.linspace(0.0, cells[-1], n + 1), cells, x)
 
 
 def _graded(shares: Floats, to: tuple[str, ...], axis: int) -> Floats:
