@@ -39,6 +39,7 @@ FALLING = 0.7  # times the error of the mesh before: what falls so far is on its
 LOST = 10  # times the nodes allowed: a way that needs them is given up for one with a smaller error
 # Error of second order over that of first on their coarsest meshes, before it is known; and of a plane body under an obstacle.
 SMALLER, PRESSED = 0.2, 0.8
+LITTLE = 0.5  # of the refinement of another direction
 COARSEST = 5  # refinements of a coarsest mesh that cannot hold the scene
 
 
@@ -146,6 +147,8 @@ class Climb:
         except (NoEquilibrium, InputError) as error:
             self.ended, self.why = True, error
             return
+        if self.ladder and self.error <= self.target and self.family.scene.obstacles:
+            self._look_again()
         self.ladder.append((self.sizes, self.error))
         self.reached = self.error <= self.target * (ALONE_ENOUGH if len(self.ladder) == 1 else 1)
         self.ended = self.ended or self.reached or self._irregular >= PATIENCE
@@ -190,6 +193,24 @@ class Climb:
             self._alone.append((ratio, finer - here.values))
             whole += (finer - here.values) / (1 - ratio**first)
         return distance(here.values, here.values + whole, self.pilots.weights)
+
+    def _look_again(self) -> None:
+        """Refine each direction alone that was refined little, to see whether it still makes as little of the error.
+
+        What an obstacle does across a body, the coarsest mesh may be too coarse to show.
+        """
+        here, times = self.pilot, [n / n0 for n, n0 in zip(self.sizes, self.ladder[0][0], strict=True)]
+        for axis in (axis for axis, ratio in enumerate(times) if ratio < LITTLE * max(times)):
+            there = self.family.after(self.sizes, axis)
+            try:
+                finer = self.pilots(self.family, there).values
+            except NoEquilibrium:
+                continue
+            known = self.parts[axis].error
+            part = coarse(self.sizes[axis] / there[axis], distance(here.values, finer, self.pilots.weights), USUAL[self.family.order])
+            if part > known > 0:
+                self.shares[axis] *= part / known
+                self.error += part - known
 
     def _next(self) -> bool:
         """A finer mesh, by as much as the error known asks for or the nodes allow; False where NEAREST is too much."""
