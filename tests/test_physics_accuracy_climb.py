@@ -1,7 +1,7 @@
 """The way from coarse to fine, on solutions that are made: an exact one and an error that is a power of the cells along each direction."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +15,8 @@ from physics.accuracy.pilot import Pilot
 from physics.equilibrium.state import NoEquilibrium
 from tests.scenes import beam
 
-KINDS = families(beam(body={"length": 0.06, "width": 0.02, "height": 0.02}, steps={"count": 400, "error": 0.01}))  # second order, first
+SIDES = {"length": 0.06, "width": 0.02, "height": 0.02}
+KINDS = families(beam(body=SIDES, steps={"count": 400, "error": 0.01}))  # second order, first
 
 
 @dataclass
@@ -63,6 +64,25 @@ def test_a_mesh_too_far_from_the_one_before_is_come_to_by_a_shorter_step():
     climb.go_on()
     climb.go_on()
     assert climb.sizes == (8, 2, 2) and not climb.ended and climb.why is None
+
+
+class Late(Made):
+    """The error along the second direction shows only where there are fifteen cells along the first."""
+
+    def __call__(self, family, sizes):
+        pilot = super().__call__(family, sizes)
+        return pilot if sizes[0] >= 15 else replace(pilot, values=pilot.values * [1, 1, 0.02, 1])
+
+
+@pytest.mark.parametrize("obstacle, true", [(False, 0.4 / 5**2), (True, 0.4 / 8**2)])
+def test_under_an_obstacle_a_direction_that_was_hardly_refined_is_looked_at_again(obstacle, true):
+    """0.1 (6/n)^2 along x and 0.1 (2/m)^2 along y, of which few cells along x show a fiftieth; 1 % is asked."""
+    ball = {"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.031], [0.05, 0.01, 0.02]]}
+    kind = families(beam(body=SIDES, steps={"count": 400, "error": 0.01}, obstacle=ball))[1] if obstacle else KINDS[1]
+    climb = Climb(kind, Late((3.6, 0.4, 0.0)), 0.01, 10**6, (6, 2, 2))
+    while not climb.ended:
+        climb.go_on()
+    assert climb.reached and abs(climb.pilot.values[0, 0, 2] - true) < 1e-9 and climb.pilot.values[0, 0, 1] < 0.01
 
 
 def test_an_order_without_an_equilibrium_beside_another_that_has_one_is_left_at_once():

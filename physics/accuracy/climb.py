@@ -39,7 +39,7 @@ FALLING = 0.7  # times the error of the mesh before: what falls so far is on its
 LOST = 10  # times the nodes allowed: a way that needs them is given up for one with a smaller error
 # Error of second order over that of first on their coarsest meshes, before it is known; and of a plane body under an obstacle.
 SMALLER, PRESSED = 0.2, 0.8
-LITTLE = 0.5  # of the refinement of another direction
+LITTLE = 0.67  # of the refinement of another direction
 COARSEST = 5  # refinements of a coarsest mesh that cannot hold the scene
 
 
