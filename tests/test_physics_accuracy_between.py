@@ -11,8 +11,10 @@ from physics.accuracy import between
 from physics.accuracy.between import BETWEEN, solve_chosen, splines
 from physics.accuracy.choose import choose
 from physics.accuracy.estimate import distance
+from physics.accuracy.table import judge
 from physics.body.supports import held
 from physics.equilibrium.state import NoEquilibrium, State
+from physics.fidelity.verify import Checker
 from physics.solution import solve
 from tests.scenes import beam
 
@@ -101,6 +103,32 @@ def test_under_an_obstacle_few_steps_are_solved_from_where_it_touches():
     assert 1e-6 < found.relative_residual[left].max() < 0.3  # of the ball elsewhere nearly all would be left
 
 
+def test_an_obstacle_that_is_away_at_two_knots_bears_nothing_between_and_nothing_is_below_zero():
+    """Two balls, of which the second touches near the clamp, late; splines would have it pull for the whole time before."""
+    first = {"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.031], [0.05, 0.01, 0.025]]}
+    second = {"shape": "sphere", "radius": 0.004, "path": [[0.01, 0.01, 0.0265], [0.01, 0.01, 0.0227]]}
+    choice = choose(asked(load=[], obstacle=[first, second], steps={"count": 100, "error": 0.2}))
+    found = solve_chosen(choice)
+    knots, bears = list(found.knots), found.reactions.any(axis=2)
+    touches = next(i for i, knot in enumerate(knots) if bears[knot, 1])
+    assert touches > 4 and not bears[:knots[touches - 1] + 1, 1].any() and bears[knots[touches]:, 1].all()
+    assert bears[knots[1] + 1:, 0].all() and abs(found.reaction - found.reactions.sum(axis=1)).max() < 1e-12
+    assert found.energy.min() == 0 and found.penetration.min() == 0
+
+
+def test_under_an_obstacle_what_splines_leave_is_measured_of_the_linear_law_too():
+    """As `Checker` finds it; the knots have less than a fifth of it."""
+    ball = {"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.032], [0.05, 0.01, 0.028]]}
+    law = {"law": "linear", "young_modulus": 1e6, "poisson_ratio": 0.3}
+    choice = choose(asked(load=[], obstacle=ball, material=law, steps={"count": 200, "error": 0.05}))
+    found = solve_chosen(choice)
+    assert found.linear_steps == 200 and max(np.diff(found.knots)[-3:]) > 1
+    a, b = found.knots[-2:]
+    frame = Checker(choice.scene, found.mesh).frame(found.displacement[(a + b + 1) // 2], (a + b + 1) // 2 / 200)
+    assert found.relative_residual[b - 1] == pytest.approx(frame.residual / frame.push, rel=1e-6)
+    assert found.relative_residual[b - 1] > 5 * found.relative_residual[b]
+
+
 def test_splines_end_where_a_table_turns():
     """A load that comes and goes: the beam is as bent at the turn as a solution of that step alone, and there is no wave before it."""
     there_and_back = FORCE | {"steps": [0.0, 0.5, 1.0], "factor": [0.0, 1.0, 0.0]}
@@ -108,6 +136,8 @@ def test_splines_end_where_a_table_turns():
     found, whole = solve_chosen(choice), solve_chosen(choice, balanced=True)
     assert 40 in found.knots and len(found.knots) <= 27 and between.turns(choice.scene) == [0.0, 0.5, 1.0]
     tip = np.abs(found.displacement[:, -1, 2])
+    path = next(row["error"] for row in judge(choice, found).rows if row["choice"] == "the path")
+    assert path < 1e-3  # the end is at rest: nothing to be off against
     assert tip.argmax() == 40 and abs(found.displacement - whole.displacement).max() < 1e-3 * tip.max()
 
 

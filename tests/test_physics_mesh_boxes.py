@@ -70,7 +70,7 @@ def test_nodes_of_second_order_are_in_the_middles_of_graded_cells():
     ({"focus_y": [[2.1, 0.1]]}, r"body.focus_y\[0\] = \[2.1, 0.1\]: give a place on the side, from 0 to 2 m, and over how far"),
     ({"focus_x": [[1.0, 0.1], [1.0, 0.0]]}, r"body.focus_x\[1\] = \[1, 0\]: give a place"),
     ({"focus_x": [[1.0, 3.1]]}, "above 0 and at most as long"),
-    ({"shape": "plate", "cell": "triangle", "cells": [2, 2], "height": None, "focus_z": [[0.0, 0.1]]}, "from 0 to 0 m")])
+    ({"shape": "plate", "cell": "triangle", "cells": [2, 2], "height": None, "focus_z": [[0.0, 0.1]]}, "plate has no side along z")])
 def test_faces_that_are_none_are_refused(changes, words):
     table = {"length": 3.0, "width": 2.0, "height": 0.5, "cells": [2, 2, 2]} | changes
     with pytest.raises(InputError, match=words):

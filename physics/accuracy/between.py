@@ -162,6 +162,8 @@ class Course:
         to = self._through(ends)
         names = ("displacement", "reaction", "energy", "penetration", *(("reactions",) if found.reactions is not None else ()))
         each: dict[str, Any] = {name: np.tensordot(to, getattr(found, name), 1) for name in names}
+        if self._touched:
+            each |= self._pressing(found, each, ends)
         u, fixed = each["displacement"], held(self._scene, found.mesh)
         for step in set(range(count + 1)) - set(ends):
             u[step][fixed] = balance.moved(step / count)[fixed]
@@ -170,11 +172,19 @@ class Course:
         residual[ends], iterations[ends] = found.relative_residual, found.newton_iterations
         for a, b in pairwise(ends):
             middle = (a + b + 1) // 2
-            residual[a + 1:b] = residual[b] if b <= linear or b - a == 1 else self._left(u[middle], middle)
+            left = b <= linear and self._path.linear is None  # its balance is no longer that of small strain
+            residual[a + 1:b] = residual[b] if left or b - a == 1 else self._left(u[middle], middle)
         said = f"{len(ends) - 1} of {count} are solved, the others lie on cubic splines through them"
         return of_path(self._scene, replace(
             found, **each, newton_iterations=iterations, relative_residual=residual, snap=zeros, released=zeros, linear_steps=linear,
             knots=tuple(ends), between=off, seconds=time.perf_counter() - self._started, model=found.model | {"steps": said}))
+
+    def _pressing(self, found: Solution, each: dict[str, Any], ends: Sequence[int]) -> dict[str, Any]:
+        """Forces of obstacles, none between two knots where one is away, and depths and energies, which are not below zero."""
+        known, forces = ((rows["reactions"] if "reactions" in each else rows["reaction"][:, None]) for rows in (vars(found), each))
+        for i, (a, b) in enumerate(pairwise(ends)):
+            forces[a + 1:b, ~known[i:i + 2].any(axis=(0, 2))] = 0.0
+        return {"reaction": forces.sum(axis=1)} | {name: np.maximum(each[name], 0.0) for name in ("energy", "penetration")}
 
     def _through(self, ends: Sequence[int]) -> Floats:
         """(T, K) what splines from kink to kink make of the values at the knots."""

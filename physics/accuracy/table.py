@@ -16,10 +16,11 @@ import numpy as np
 
 from physics.accuracy.choose import MOST_NODES, Choice
 from physics.accuracy.climb import Climb
-from physics.accuracy.estimate import distance
+from physics.accuracy.estimate import distance, norm
 from physics.accuracy.ladder import Sizes
 from physics.accuracy.pilot import Pilot
 from physics.equilibrium.state import NoEquilibrium
+from physics.mesh.mesh import Floats
 from physics.solution import Solution
 
 HEADS = "choice", "taken", "error", "seconds"
@@ -65,7 +66,7 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     """What the whole scene came to, solved as it was chosen."""
     climb, pilots = choice.climb, choice.pilots
     family, frames = climb.family, len(solution.displacement) - 1
-    path = distance(pilots.of(choice.scene, solution, [frames]), choice.pilot.values[-1:], pilots.weights)
+    path = _end(pilots.of(choice.scene, solution, [frames])[0], choice.pilot.values, pilots.weights)
     between, said = _between(choice, solution)
     linear = choice.small_strain if solution.linear_steps and not choice.scene.linear else 0.0
     rows = rows_of_mesh(climb)
@@ -99,6 +100,12 @@ def judge(choice: Choice, solution: Solution) -> Verdict:
     if solution.snap.any():
         remarks += ("the body snaps: where it comes to rest depends on more than the mesh, and the estimate knows nothing of that",)
     return Verdict(choice.asked, choice.quantity, estimated, reached and not solution.snap.any(), tuple(rows), remarks)
+
+
+def _end(values: Floats, poses: Floats, weights: Floats) -> float:
+    """How far the end (M, d) is from that of the pilot, over the largest of its poses (K, M, d): a load may be taken off again."""
+    off, size = norm((values - poses[-1])[None], weights), max(norm(pose[None], weights) for pose in poses)
+    return off / size if size > 0 else 0.0 if off == 0 else math.inf
 
 
 def row(name: str, taken: str, error: float | None, seconds: float | None = None) -> Row:

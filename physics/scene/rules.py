@@ -132,6 +132,8 @@ def check_body(body: Body, given: dict[str, Any], *, chosen: bool = False) -> No
     if wrong := [face for face in body.graded or () if face not in (body.places or ())]:
         raise InputError(f"body.graded: {kind} has no {wrong[0]}, but {', '.join(body.places or ())}")
     for key, side, spots in zip(FOCUS, body.extent if any(body.focus) else (), body.focus, strict=False):
+        if spots and not side:
+            raise InputError(f"body.{key}: {kind} has no side along {key[-1]}; leave it out")
         for i, (place, within) in enumerate(spots):
             if not (place <= side and 0 < within <= side):
                 raise InputError(f"body.{key}[{i}] = [{place:g}, {within:g}]: give a place on the side, from 0 to {side:g} m, and over how "
