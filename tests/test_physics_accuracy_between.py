@@ -116,6 +116,18 @@ def test_an_obstacle_that_is_away_at_two_knots_bears_nothing_between_and_nothing
     assert found.energy.min() == 0 and found.penetration.min() == 0
 
 
+def test_splines_end_where_an_obstacle_comes_to_a_body_that_moves_already():
+    """A ball above a beam that sinks under its weight: before it touches splines alone are enough, and none runs across that step."""
+    ball = {"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.034], [0.05, 0.01, 0.025]]}
+    choice = choose(asked(load=[{"acceleration": [0.0, 0.0, -2.0]}], obstacle=ball, steps={"count": 200, "error": 0.02}))
+    found, whole = solve_chosen(choice), solve_chosen(choice, balanced=True)
+    touches = int(np.flatnonzero(whole.penetration)[0] if whole.penetration.any() else np.argmax(whole.reaction[:, 2] > 0))
+    assert {touches - 1, touches} <= set(found.knots) and 50 < touches < 150 and len(found.knots) <= 50
+    frames, of = list(range(201)), choice.pilots.of
+    off = distance(of(choice.scene, found, frames), of(choice.scene, whole, frames), choice.pilots.weights)
+    assert max(off, found.between) < BETWEEN * 0.02
+
+
 def test_under_an_obstacle_what_splines_leave_is_measured_of_the_linear_law_too():
     """As `Checker` finds it; the knots have less than a fifth of it."""
     ball = {"shape": "sphere", "radius": 0.01, "path": [[0.05, 0.01, 0.032], [0.05, 0.01, 0.028]]}

@@ -1,7 +1,7 @@
 """The whole scene on the mesh that was chosen: of a path that is smooth in parts few steps are solved, those between lie on cubic splines.
 
 Where loads, supports and obstacles go on evenly, equilibria are a smooth function of the fraction of the loading. A path may have kinks
-where an obstacle turns, where a table has a row, and where the first obstacle touches the body. So splines run from kink to kink,
+where an obstacle turns, where a table has a row, and where an obstacle comes to the body or leaves it. So splines run from kink to kink,
 through FEWEST steps of each part at first, the knots. How far they are off is seen when every second knot is left out and held against
 the splines through the others: with an error that fell as slowly as k^2 for parts of k steps a quarter of that would be left, which is
 what counts. Under an obstacle all of it counts: there paths ripple as one row of points touches after the other, and denser knots may
@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 
 BETWEEN = 0.05  # of the error asked
 SHARE = 1 / 3  # of the steps: where more have to be solved all are
-TRIES = 8
+TRIES, MOST_PARTS = 8, 4  # of an interval at once
 SLOWEST = {False: 2, True: 0}  # order with which the error of splines falls at least, without an obstacle and under one
 USUAL = {False: 3, True: 1}  # and by which it is foreseen
 ROUNDING = 1e-9  # of a step
@@ -96,13 +96,14 @@ class Course:
             if len(wanted) - 1 > SHARE * self._count:
                 break
             self._solve(sorted(wanted - set(self._knots)))
+            wanted |= self._comings()
             off = self._missed()
             allowed = BETWEEN * self._choice.asked
             between = math.sqrt(sum((b - a - 1) * each**2 for (a, b), each in off.items()) / self._count)
             if between <= allowed:
                 return self._filled(between)
             for (a, b), each in off.items():
-                parts = min(b - a, math.ceil((each / allowed) ** (1 / USUAL[self._touched])))
+                parts = min(b - a, MOST_PARTS, math.ceil((each / allowed) ** (1 / USUAL[self._touched])))
                 wanted |= {round(step) for step in np.linspace(a, b, max(1, parts) + 1)}
         return None
 
@@ -113,6 +114,22 @@ class Course:
         at = np.array(turns(self._scene)) * count
         kinks = np.concatenate([np.floor(at + ROUNDING), np.ceil(at - ROUNDING)]).astype(int)
         return sorted({rest, *kinks[kinks > rest].tolist()})
+
+    def _comings(self) -> set[int]:
+        """All knots, when those are found between which an obstacle comes to the body or leaves it: there its path has a kink."""
+        while True:
+            steps = sorted(self._knots)
+            turned = [(a, b) for a, b in pairwise(steps) if self._bears(a) != self._bears(b)]
+            if all(b - a == 1 for a, b in turned):
+                away = {a if sum(self._bears(a)) < sum(self._bears(b)) else b for a, b in turned}
+                self._kinks = sorted({*self._kinks, *(step for step in away if step > self._kinks[0])})
+                return set(steps)
+            self._solve([(a + b) // 2 for a, b in turned if b - a > 1])
+
+    def _bears(self, step: int) -> tuple[bool, ...]:
+        """Which obstacles press at a knot."""
+        row = self._knots[step].row
+        return tuple(row["reactions"].any(axis=1).tolist()) if "reactions" in row else (bool(row["reaction"].any()) and self._touched,)
 
     def _solve(self, steps: Sequence[int]) -> None:
         """Make knots of some steps, in their order."""
