@@ -52,6 +52,18 @@ def test_a_thousandth_of_the_smallest_side_may_be_penetrated(penetration, found)
     assert check.against_scene(trajectory(scene(obstacle=obstacle))) == found
 
 
+@pytest.mark.parametrize("penetration, found", [
+    (0.49e-3, []), (0.51e-3, ["the obstacle penetrates 0.00051 m at step 12; 0.0005 m is allowed"])])
+def test_a_smooth_surface_may_give_way_by_a_twentieth_of_a_cell(penetration, found):
+    """28 of 46 edges are 10 mm long, the others 17 mm. What the solver saw counts as well, before a trajectory is stored."""
+    path = [[0.0, 0.0, 0.02], [0.0, 0.0, 0.01 - penetration]]
+    obstacle = {"shape": "half-space", "normal": [0, 0, -1], "path": path, "contact": "smooth"}
+    seen = np.linspace(0, penetration, COUNT + 1)
+    made = trajectory(scene(obstacle=obstacle), per_frame={"penetration": seen})
+    assert check.against_scene(made) == found
+    assert check.unfit(made) == ["the obstacle penetrates too far at step 12"] * len(found)
+
+
 @pytest.mark.parametrize("smallest", [0.02, 0.03, 0.05])
 def test_the_smallest_of_three_sides_counts(smallest):
     body = {"length": 0.05, "width": 0.06 if smallest > 0.02 else 0.02, "height": 0.07 if smallest > 0.03 else 0.03,
