@@ -5,10 +5,11 @@
 
 Scenes (`draw`) are thick and thin beams, plates, plane sheets and panels with holes, of all laws, under all kinds of obstacles, forces,
 weights and supports that move, in 400 steps, as a scene has that does not say. "True" is the error at four steps against a reference:
-cells of second order, with numbers of cells along each direction of up to twice those that the smallest error came to, in a box under
-an obstacle as long as wide and high, as far as LARGEST allows, and of 3/4 and 1/2 of that; it is what the two finer are extrapolated to
-by the order that all three show, and "of the reference" is how far that is from what the two coarser are extrapolated to. A scene that takes longer than --limit, or has
-no equilibrium, has one row that says so. The last rows are of the answers whose reference is ten times as good as what is asked.
+cells of second order, with numbers of cells along each direction of up to twice those that the smallest error came to, in a box under an
+obstacle as long as wide and high, as far as LARGEST allows, and of 3/4 and 1/2 of that; it is what the two finer are extrapolated to by
+the order that all three show, and "of the reference" is how far that is from what the two coarser are extrapolated to. A scene that takes
+longer than --limit, or has no equilibrium, has one row that says so. The last rows are of the answers whose reference is ten times as
+good as what is asked.
 
 The uniform mesh has standard cells of first order (hexahedra; of a panel tetrahedra; of a sheet its own), as long as wide and high, and
 is the first of L / 8, L / 12, L / 18, ... that has the error asked at those four steps. It alone is solved in all steps; "~ x" where it
