@@ -158,7 +158,7 @@ class Made:
 
     def __init__(self, path, fails=None):
         self.path, self.fails, self.sought = path, fails, []
-        self.balance, self.linear, self.halvings = SimpleNamespace(rests=lambda fraction: False), None, 0
+        self.balance, self.linear, self.halvings = SimpleNamespace(rests=lambda fraction: False, loaded=True), None, 0
         self.newton, self.model, self.ahead = SimpleNamespace(factorisations=0), dict, []
 
     def __call__(self, scene, mesh, **how):

@@ -117,9 +117,10 @@ class Course:
 
     def _comings(self) -> set[int]:
         """All knots, when those are found between which an obstacle comes to the body or leaves it: there its path has a kink."""
+        first = None if self._path.balance.loaded else self._kinks[0]  # right after which it is known to be touched
         while True:
             steps = sorted(self._knots)
-            turned = [(a, b) for a, b in pairwise(steps) if self._bears(a) != self._bears(b)]
+            turned = [(a, b) for a, b in pairwise(steps) if a != first and self._bears(a) != self._bears(b)]
             if all(b - a == 1 for a, b in turned):
                 away = {a if sum(self._bears(a)) < sum(self._bears(b)) else b for a, b in turned}
                 self._kinks = sorted({*self._kinks, *(step for step in away if step > self._kinks[0])})

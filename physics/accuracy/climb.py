@@ -81,6 +81,7 @@ class Climb:
     checked: Sizes | None = None
     why: NoEquilibrium | InputError | None = None
     _irregular: int = 0
+    _again: bool = False
     _alone: list[tuple[float, Floats]] = field(default_factory=list)
     _fine: list[float] = field(default_factory=list)
     _differences: list[float] = field(default_factory=list)
@@ -147,7 +148,7 @@ class Climb:
         except (NoEquilibrium, InputError) as error:
             self.ended, self.why = True, error
             return
-        if self.ladder and self.error <= self.target and self.family.scene.obstacles:
+        if self.ladder and self.error <= self.target and self.family.scene.obstacles and not self._again:
             self._look_again()
         self.ladder.append((self.sizes, self.error))
         self.reached = self.error <= self.target * (ALONE_ENOUGH if len(self.ladder) == 1 else 1)
@@ -195,10 +196,11 @@ class Climb:
         return distance(here.values, here.values + whole, self.pilots.weights)
 
     def _look_again(self) -> None:
-        """Refine each direction alone that was refined little, to see whether it still makes as little of the error.
+        """Refine each direction alone that was refined little, once, to see whether it still makes as little of the error.
 
         What an obstacle does across a body, the coarsest mesh may be too coarse to show.
         """
+        self._again = True
         here, times = self.pilot, [n / n0 for n, n0 in zip(self.sizes, self.ladder[0][0], strict=True)]
         for axis in (axis for axis, ratio in enumerate(times) if ratio < LITTLE * max(times)):
             there = self.family.after(self.sizes, axis)
