@@ -127,7 +127,8 @@ def test_every_study_of_the_package_has_every_size(file, size):
     plan = load_plan(file.stem, size)
     assert plan.seeds == (3 if size != "check" and file.stem != "cost" else 1)
     flows = "cylinder-flow-small" if size == "check" else "cylinder-flow"
-    assert plan.sets["data"][1].family == {"materials": "beam-materials", "plate": "plate", "flow": flows, "solid": "demo"}.get(file.stem, "beam-plane")
+    families = {"materials": "beam-materials", "plate": "plate", "flow": flows, "solid": "demo"}
+    assert plan.sets["data"][1].family == families.get(file.stem, "beam-plane")
     assert len(plan.rows) == {"main": 7, "transfer": 3, "message-steps": 6, "method": 7, "segments": 10, "generalisation": 6, "noise": 28,
                               "bundle": 3, "cost": 7, "materials": 3, "plate": 7, "flow": 7, "solid": 1}[file.stem]
 
