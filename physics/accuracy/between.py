@@ -56,7 +56,7 @@ def solve_chosen(choice: Choice, *, on_step: Callable[[int], None] | None = None
         balanced: whether every step is to satisfy the equations, to TOLERANCE at least: then all are solved
     Raises: as `solve`
     """
-    if not balanced:
+    if not balanced and SHARE * choice.scene.steps.count >= FEWEST:
         try:
             found = Course(choice, on_step or (lambda step: None)).followed()
         except NoEquilibrium:

@@ -149,7 +149,8 @@ class Balance:
         Contact forces p >= 0 at touching points are those that leave the least of it on free components (a non-negative least-squares
         problem); a point touches when its gap is below TOUCHING cell sizes. With it the reactions (K, 3) [N] of the body on each obstacle.
         """
-        force = self.elasticity.force(u) - self.apply_loads(fraction)
+        outer = self.apply_loads(fraction)  # first: from then on pressures follow their faces as there
+        force = self.elasticity.force(u) - outer
         if self.contact is None:
             return force, np.zeros((0, 3))
         reactions, centre = np.zeros((len(self.contact.obstacle.each), 3)), self.contact.obstacle.position(fraction)
