@@ -91,17 +91,17 @@ def unfit(trajectory: Trajectory) -> list[str]:
     zero, frames = np.zeros(1), trajectory.per_frame
     snaps = np.flatnonzero(frames.get("snap", zero))
     inverted = np.flatnonzero(~(frames.get("smallest_det_f", np.ones(1)) > 0))
-    deep = np.flatnonzero(frames.get("penetration", zero) > deepest_allowed(trajectory.scene, trajectory.mesh))
+    deep = np.flatnonzero(frames.get("penetration", zero) > deepest_allowed(
+        scene_of(trajectory.scene) if trajectory.scene else None, trajectory.mesh))
     return ([f"the body snaps at step {snaps[0]}"] if len(snaps) else []) + (
         [f"a cell turns inside out at step {inverted[0]}"] if len(inverted) else []) + (
         [f"the obstacle penetrates too far at step {deep[0]}"] if len(deep) else []) + (
         [folds] if (folds := trajectory.extra.get("model", {}).get("folds")) else [])
 
 
-def deepest_allowed(scene: str, mesh: Mesh) -> float:
-    """[m] how far an obstacle may penetrate; scene: as TOML, empty where there is none."""
-    obstacles = getattr(scene_of(scene), "obstacles", ()) if scene else ()
-    smooth = any(obstacle.contact == "smooth" for obstacle in obstacles)
+def deepest_allowed(scene: Scene | FlowScene | None, mesh: Mesh) -> float:
+    """[m] how far an obstacle may penetrate."""
+    smooth = isinstance(scene, Scene) and any(obstacle.contact == "smooth" for obstacle in scene.obstacles)
     return max(PENETRATION * float(mesh.extent.min()), GIVES * cell_size(mesh) * smooth)
 
 
@@ -147,7 +147,7 @@ def _against_obstacles(trajectory: Trajectory, scene: Scene, mesh: Mesh, fixed: 
     found, way = [], centres(scene, scene.steps.count + 1)  # (T, K, 3)
     loose = np.flatnonzero(~fixed.all(axis=1))
     body = mesh.points[loose] + trajectory.displacement[:, loose].astype(np.float64)
-    limit, each = deepest_allowed(trajectory.scene, mesh), [Rigid(obstacle) for obstacle in scene.obstacles]
+    limit, each = deepest_allowed(scene, mesh), [Rigid(obstacle) for obstacle in scene.obstacles]
     around = [rigid.surface_mesh(mesh.points, size=cell_size(mesh), plane=mesh.dimension == 2)[0] for rigid in each[:-1]]
     ends = np.cumsum([len(points) for points in around], dtype=np.int64)
     moved = np.split(trajectory.displacement[:, trajectory.node_kind == OBSTACLE], ends, axis=1)

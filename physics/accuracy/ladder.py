@@ -148,10 +148,7 @@ def families(scene: Scene) -> list[MeshFamily]:
         return [replace(first, order=2), first] if second else [first]
     if body.shape != "panel":
         clamped, spots = _clamped(scene), _pressed(scene)
-        if clamped and spots is not None:
-            body = replace(body, graded=clamped, **spots)
-        else:
-            body = replace(body, graded=None)
+        body = replace(body, graded=None) if not clamped or spots is None else replace(body, graded=clamped, **spots)
         scene = replace(scene, body=body)
     extent, longest = [side for side in body.extent if side], max(body.extent)
     width = min((Rigid(obstacle).width for obstacle in scene.obstacles), default=math.inf)
@@ -174,21 +171,23 @@ def families(scene: Scene) -> list[MeshFamily]:
 
 def _clamped(scene: Scene) -> tuple[str, ...]:
     """The faces of a box that its supports hold in all directions; none where a support elsewhere bears it too, for cells should not be
-    longer there, nor under an obstacle that meets facets, over which errors fall by no order."""
+    longer there."""
     plane = scene.body.cell in PLANE_CELLS
     held = {face: {axis for support in scene.support if support.where == face for axis in support.fixed} for face in PLACES}
     clamped = tuple(face for face in PLACES if held[face] >= set("xy" if plane else "xyz"))
-    rolls = all(obstacle.contact == "smooth" for obstacle in scene.obstacles)
-    return clamped if rolls and all(support.where in clamped for support in scene.support) else ()
+    return clamped if all(support.where in clamped for support in scene.support) else ()
 
 
 def _pressed(scene: Scene) -> dict[str, Any] | None:
     """Where obstacles press a box, along the axes across their way: each over half of how far it reaches along them.
 
     None where one of them presses no such place, as one with edges, or one that slides: there cells should not be longer than elsewhere.
+    Nor where one meets facets, over which errors fall by no order.
     """
     spots: dict[str, list[tuple[float, float]]] = {}
     for obstacle in scene.obstacles:
+        if obstacle.contact != "smooth":
+            return None
         path, before = np.array(obstacle.path), sum(map(len, spots.values()))
         for axis, (key, side) in enumerate(zip(FOCUS, scene.body.extent, strict=True)):
             way, within = path[:, axis], _reach(obstacle, axis, scene.body) / 2
