@@ -289,13 +289,6 @@ def test_names_in_med_are_in_utf_8(tmp_path):
     assert {name: len(nodes) for name, nodes in read_mesh(tmp_path / "part.med").places.items()} == {"Körper": 16, "端": 8}
 
 
-@pytest.mark.parametrize("name", ["bracket.step", "bracket.IGS", "bracket.brep", "bracket.geo"])
-def test_a_drawing_is_refused_with_how_to_mesh_it(tmp_path, name):
-    (tmp_path / name).write_text("ISO-10303-21;")
-    with pytest.raises(InputError, match=f"a drawing, not a mesh; gmsh makes one of it: gmsh -3 {name} -o bracket.msh"):
-        read_mesh(tmp_path / name)
-
-
 def test_cells_of_third_order_are_called_so(tmp_path):
     points = np.concatenate([BEAM.points[[0, 2, 1, 4]], np.tile(BEAM.points.mean(axis=0), (16, 1))])
     meshio.Mesh(points, [("tetra20", np.arange(20)[None])]).write(tmp_path / "a.msh", file_format="gmsh")

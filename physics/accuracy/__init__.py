@@ -2,6 +2,7 @@
 
     estimate  the error of a sequence of solutions, by the order that is seen in it
     ladder    the meshes that a body may have, from coarse to fine along each direction
+    drawn     the meshes of a drawing, small cells where the solution on the mesh before asks for them
     pilot     a scene solved at a few poses on one of them, as values at fixed points
     climb     from the coarsest mesh of one order up to the one that keeps the error
     choose    the cheapest of them that keeps the error

@@ -21,6 +21,7 @@ from physics.accuracy.table import Verdict, row, rows_of_mesh
 from physics.modes.elastic import Modes, elastic_modes
 from physics.scene import Scene
 
+SMALL = 1e-6  # of a body is its motion where modes tell how to grade a mesh
 STILL = 1e-6  # of the highest frequency: a mode below it is a motion of the whole body
 
 
@@ -49,6 +50,8 @@ class Frequencies:
             pilot = Pilot(mesh, values[None, :, None], np.zeros((1, 0, 3)), time.process_time() - started)
             self._known[family.order, sizes] = pilot, found
             self.seconds += pilot.seconds
+            moving = found.shapes[self.weights > 0]
+            family.learn(sizes, moving * (SMALL * np.ptp(mesh.points) / abs(moving).max(axis=(1, 2), keepdims=True)))
         return self._known[family.order, sizes][0]
 
     def __len__(self) -> int:

@@ -1,10 +1,10 @@
 """Which meshes may a body have, from coarse to fine, and at which points are they compared?
 
-A beam or plate is cut into hexahedra, of first order (with one dilatation a cell) or of second, with numbers along x, y and z that grow
-by themselves; a plane plate into its cells, of either order. A panel has numbers in its plane and of its layers, in tetrahedra. A file's
-own mesh is taken as it is, at first and at second order, and cut in halves. Solutions are compared at points that all meshes of a body
-share: the middles of a regular grid in a box, else those of the cells of the coarsest mesh. Boxes that clamped faces alone bear are
-graded to these and to where round obstacles press them, which meet a smooth surface.
+A beam or plate is cut into hexahedra, of first order (with one dilatation a cell) or of second, with numbers along x, y and z that grow by
+themselves; a plane plate into its cells, of either order. A panel has numbers in its plane and of its layers, in tetrahedra. A drawing is
+cut into cells of any size (drawn.py). A file's own mesh is taken as it is, at first and at second order, and cut in halves. Solutions are
+compared at points that all meshes of a body share: the middles of a regular grid in a box, else those of the cells of the coarsest mesh.
+Boxes that clamped faces alone bear are graded to these and to where round obstacles press them, which meet a smooth surface.
 
 Triangles of second order come in even numbers: their diagonals alternate, so that of odd and even numbers other corners of the body are
 cut, where stress is singular, and an error that falls from even to even need not from even to odd.
@@ -23,10 +23,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physics.accuracy.drawn import Drawing
 from physics.body.element import samples
 from physics.contact.obstacles import Rigid
 from physics.mesh.build import across, build_mesh, of_order
 from physics.mesh.cell import CELLS, SECOND
+from physics.mesh.formats.drawing import Cut
 from physics.mesh.mesh import Mesh
 from physics.mesh.refine import halved
 from physics.mesh.second import corners_only, is_curved
@@ -49,6 +51,7 @@ class MeshFamily:
     """Meshes of one body with cells of one order.
 
     base: the coarsest; axes: what its numbers count
+    drawn: of a drawing that takes any size
     own: of a file the mesh in it, of second order if its sides are curved, so that finer ones of any order have their corners on them
     """
 
@@ -57,6 +60,7 @@ class MeshFamily:
     base: Sizes
     axes: tuple[str, ...]
     own: Mesh | None = field(default=None, compare=False)
+    drawn: Drawing | None = field(default=None, compare=False)
 
     @property
     def body(self) -> Body:
@@ -65,12 +69,12 @@ class MeshFamily:
     def after(self, sizes: Sizes, axis: int) -> Sizes:
         """The next finer mesh along an axis; a file's cells are halved."""
         n = sizes[axis]
-        following = 2 * n if self.body.shape == "file" else self.whole(max(n + 1, math.ceil(GROWTH * n)))
+        following = 2 * n if self.own is not None else self.whole(max(n + 1, math.ceil(GROWTH * n)))
         return (*sizes[:axis], following, *sizes[axis + 1:])
 
     def finer(self, sizes: Sizes, times: Sequence[float]) -> Sizes:
         """The mesh with so many times the cells along each axis; a file's cells are halved as often as it takes."""
-        if self.body.shape == "file":
+        if self.own is not None:
             return (sizes[0] * 2 ** math.ceil(math.log2(times[0]) - ROUND),)
         return tuple(self.whole(math.floor(n * ratio + 0.5)) for n, ratio in zip(sizes, times, strict=True))
 
@@ -86,11 +90,15 @@ class MeshFamily:
     @property
     def spans(self) -> Sizes:
         """How many directions of the body each number counts cells along."""
+        if self.drawn is not None:
+            return (self.drawn.dimension,)
         return (self.own.dimension,) if self.own is not None else (2, 1) if self.body.shape == "panel" else (1,) * len(self.base)
 
     def rung(self, sizes: Sizes) -> tuple[Scene, Mesh]:
         """The scene with the mesh of these numbers, and the mesh."""
         scene = self.scene_with(sizes)
+        if self.drawn is not None:
+            return scene, self.drawn.mesh(sizes[0])
         mesh = self.own
         if mesh is None:
             return scene, build_mesh(scene.body)
@@ -100,13 +108,20 @@ class MeshFamily:
             mesh = corners_only(mesh)
         return scene, across(of_order(mesh, scene.body), scene.body)
 
+    def learn(self, sizes: Sizes, poses: Floats) -> None:
+        """Take what is known on a mesh, displacements (K, N, 3) of poses or modes, for where finer meshes of a drawing should be fine."""
+        if self.drawn is not None:
+            self.drawn.learn(sizes[0], poses, self.scene.material)
+
     def scene_with(self, sizes: Sizes) -> Scene:
         """The scene with the mesh of these numbers, in the keys of its body as far as they can say it."""
         body, steps = self.body, replace(self.scene.steps, error=None, quantity=None)
         ratio = max(material.poisson_ratio for material in self.scene.materials)
-        if self.own is not None:
-            solid = self.dimension == 3 and (self.own.cell not in ("tetrahedron", "tetrahedron10") or self.order == 2)
-            body = replace(body, order=self.order, element="mean-dilatation" if solid and ratio >= STIFF else "standard")
+        if body.shape == "file":
+            kind = self.drawn.kind if self.drawn is not None else self.own.cell if self.own is not None else ""
+            solid = self.dimension == 3 and (kind not in ("tetrahedron", "tetrahedron10") or self.order == 2)
+            size = None if self.drawn is None else self.drawn.longest / sizes[0]
+            body = replace(body, order=self.order, element="mean-dilatation" if solid and ratio >= STIFF else "standard", cell_size=size)
             return replace(self.scene, body=body, steps=steps)
         if body.shape == "panel":
             body = replace(body, cell="tetrahedron", cell_size=max(body.extent) / sizes[0], layers=sizes[1], order=self.order)
@@ -122,6 +137,9 @@ class MeshFamily:
     def said(self, sizes: Sizes) -> str:
         """The cells in words."""
         order = "second" if self.order == 2 else "first"
+        if self.drawn is not None:
+            graded = ", graded" if sizes != self.base else ""
+            return f"about {sizes[0]} {CELLS[self.drawn.kind].plural} along the drawing, {order} order{graded}"
         if self.body.shape == "file":
             return f"the file's own, {order} order" + (f", each side in {sizes[0]}" if sizes[0] > 1 else "")
         kind = "tetrahedra" if self.body.shape == "panel" else CELLS[self.body.cell].plural if len(sizes) == 2 else "hexahedra"
@@ -139,6 +157,13 @@ def families(scene: Scene) -> list[MeshFamily]:
     """The ways to mesh a body, that of second order first. Raises `InputError` when a file is not sound."""
     scene = _smooth(scene)
     body = scene.body
+    width = min((Rigid(obstacle).width for obstacle in scene.obstacles), default=math.inf)
+    width *= 1 if any(obstacle.contact == "nodes" for obstacle in scene.obstacles) else 2
+    if body.drawn:
+        both = [Drawing(body, order, build_mesh(replace(body, order=1), Cut(parts=ALONG))) for order in (2, 1)]
+        if both[1].follows:
+            n = max(ALONG, math.ceil(both[0].longest / width))
+            return [MeshFamily(scene, one.body.order, (n,), ("along the drawing",), drawn=one) for one in both]
     if body.shape == "file":
         mesh = build_mesh(replace(body, order=1))
         second = mesh.cell in SECOND
@@ -151,8 +176,6 @@ def families(scene: Scene) -> list[MeshFamily]:
         body = replace(body, graded=None) if not clamped or spots is None else replace(body, graded=clamped, **spots)
         scene = replace(scene, body=body)
     extent, longest = [side for side in body.extent if side], max(body.extent)
-    width = min((Rigid(obstacle).width for obstacle in scene.obstacles), default=math.inf)
-    width *= 1 if any(obstacle.contact == "nodes" for obstacle in scene.obstacles) else 2
     size = min(longest / ALONG, width)
 
     def base(least: int) -> Sizes:

@@ -93,6 +93,7 @@ class Pilots:
                 found = self.beside(scene, mesh, tolerance, self._last, self.fractions)
             self._known[key] = self._last = replace(found, seconds=time.process_time() - started)
             self.seconds += self._last.seconds
+            family.learn(sizes, found.u)
         return self._known[key]
 
     def __len__(self) -> int:

@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from physics.body.element import Samples
 from physics.body.kernel import Kernel
 from physics.body.material import by_region, lame
-from physics.mesh.cell import CELLS, TRIANGLE
+from physics.mesh.cell import CELLS, CORNERS, TRIANGLE
 from physics.mesh.mesh import Mesh
 from physics.mesh.quality import centre_gradients
 from physics.scene import Material, Materials
@@ -158,6 +158,21 @@ def nodal_stress(mesh: Mesh, displacement: ArrayLike, material: Materials, at_no
     else:
         sigma = cauchy(mesh, displacement, material)
     return np.asarray(at_nodes @ sigma.reshape(-1, 9)).reshape(-1, 3, 3)
+
+
+def stress_jumps(mesh: Mesh, displacement: ArrayLike, material: Materials) -> Floats:
+    """(C,) how far the Cauchy stress of each cell is at its corners from that of the nodes there [Pa], as a root of the mean square."""
+    cell = CELLS[mesh.cell]
+    first = CELLS[cell.first] if cell.middles else cell
+    corners = mesh.cells[:, :cell.corners]
+    there = nodal_stress(mesh, displacement, material)[corners]  # (C, k, 3, 3)
+    if cell.middles:
+        own = np.array([_cauchy(mesh, deformation(mesh, displacement, each), material) for each in cell.shapes(_best(mesh.cell))[1]])
+        share = first.shapes(CORNERS[first.name])[0] @ np.linalg.inv(first.shapes(_best(mesh.cell))[0])  # (k, P)
+        here = np.einsum("kp,pcij->ckij", share, own)
+    else:
+        here = cauchy(mesh, displacement, material)[:, None]
+    return np.asarray(np.sqrt(((there - here) ** 2).sum(axis=(2, 3)).mean(axis=1)))
 
 
 def _best(cell: str) -> Floats:

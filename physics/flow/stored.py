@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from physics.flow.space import FlowSpace
 from physics.mesh.build import build_mesh
 from physics.mesh.files import read_mesh
+from physics.mesh.formats.drawing import Cut
 from physics.mesh.mesh import Integers, Mesh
 from physics.scene.flow import FlowScene
 from physics.schema import InputError
@@ -34,7 +35,10 @@ def computed_mesh(scene: FlowScene) -> Mesh:
         body = replace(body, cell_size=2 * body.cell_size, hole_cell_size=2 * body.hole_cell_size)
     if scene.order == 3 and body.shape == "plate":
         body = replace(body, cells=tuple((n + 1) // 2 for n in body.divisions), cell_size=None)
-    mesh = read_mesh(str(body.path), order=2, scale=body.scale) if body.shape == "file" else build_mesh(replace(body, order=1))
+    if body.shape == "file":
+        mesh = read_mesh(str(body.path), order=2, scale=body.scale, cut=Cut(body.cell_size))
+    else:
+        mesh = build_mesh(replace(body, order=1))
     if mesh.cell != "triangle":
         raise InputError(f"body.path: a mesh of cells of the kind {mesh.cell}; a flow is in a plane domain of triangles")
     return mesh

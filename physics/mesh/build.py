@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from physics.mesh.cell import SECOND
 from physics.mesh.files import read_mesh
+from physics.mesh.formats.drawing import Cut
 from physics.mesh.mesh import Mesh
 from physics.mesh.second import second_order
 from physics.mesh.shapes.boxes import box, rectangle
@@ -15,11 +16,14 @@ from physics.mesh.shapes.panel import panel
 from physics.scene import PLANE_CELLS, Body
 
 
-def build_mesh(body: Body) -> Mesh:
-    """The mesh of a body, built or read; of order 2 it has second-order cells. Raises `InputError` when a file is not sound."""
+def build_mesh(body: Body, cut: Cut | None = None) -> Mesh:
+    """The mesh of a body, built or read; of order 2 it has second-order cells. Raises `InputError` when a file is not sound.
+
+    Args: cut: how a drawing is cut into cells, if not by the body's own cell_size
+    """
     if body.shape == "file":
         assert body.path is not None
-        mesh = read_mesh(body.path, order=body.order, scale=body.scale)
+        mesh = read_mesh(body.path, order=body.order, scale=body.scale, cut=cut or Cut(body.cell_size))
     elif body.shape == "channel":
         mesh = channel(body) if body.hole_cell_size is None else graded_channel(body)
     elif body.shape == "panel":

@@ -14,18 +14,19 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 
 from physics.mesh.cell import CELLS
-from physics.mesh.formats import abaqus, gmsh, nastran, others, su2, xdmf
+from physics.mesh.formats import abaqus, drawing, gmsh, nastran, others, su2, xdmf
+from physics.mesh.formats.drawing import Cut
 from physics.mesh.formats.raw import Raw
 from physics.mesh.mesh import Floats, Integers, Mesh, Parts
 from physics.mesh.places import called
 from physics.mesh.sound.cells import by_shape, once, upright
 from physics.mesh.sound.curved import curved
 from physics.mesh.sound.fit import fitting
+from physics.scene import DRAWINGS
 from physics.schema import InputError, missing
 from physics.whole import written_whole
 
 OWN = {".msh": gmsh.read, ".inp": abaqus.read, ".su2": su2.read, ".bdf": nastran.read, ".nas": nastran.read, ".fem": nastran.read}
-DRAWN = (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".geo_unrolled")
 SMALLEST, LARGEST = 1e-9, 1e9  # [m] a body
 LONG = 20.0  # [m] past which a body of a file without a scale may be in millimetres
 
@@ -48,19 +49,24 @@ class Found:
         return f"cell {self.labels[i]}" + ("" if self.count is None else f" of {self.count}")
 
 
-def read_mesh(path: str | Path, *, order: int = 1, scale: float | None = None) -> Mesh:
+def read_mesh(path: str | Path, *, order: int = 1, scale: float | None = None, cut: Cut | None = None) -> Mesh:
     """The body in a mesh file, with its groups as places.
 
     Args:
         scale: what the file's coordinates are multiplied by to be metres; 1 when left out, and a remark asks whether that was meant
             where the body is long
+        cut: how a drawing is cut into cells
 
     Raises:
         InputError: no such file, a format that is not known, no cells, several kinds of cells in the body, a curved surface,
             cells that are none or do not fit together (sound/), or prisms where `order` is 2
     """
     try:
-        mesh = _mesh(_read(Path(path)), order, scale or 1.0)
+        if Path(path).suffix.lower() in DRAWINGS:
+            raw = drawing.read(Path(path), (cut or Cut()).scaled(scale or 1.0), order)
+        else:
+            raw = _read(Path(path))
+        mesh = _mesh(raw, order, scale or 1.0)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     extent = float(np.ptp(mesh.points, axis=0).max())
@@ -86,8 +92,6 @@ def _read(path: Path) -> Raw:
     if why := missing(path):
         raise InputError(why)
     ending = path.suffix.lower()
-    if ending in DRAWN:
-        raise InputError(f"a drawing, not a mesh; gmsh makes one of it: gmsh -3 {path.name} -o {path.stem}.msh")
     if ending == ".xdmf":
         try:
             several = len(xdmf.grids(path)) > 1

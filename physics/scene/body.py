@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from physics.schema import InputError, quantity
@@ -13,6 +14,7 @@ Vector = tuple[float, float, float]
 FAR: dict[str, Any] = {"at_least": -1e9, "at_most": 1e9}  # of coordinates and displacements [m], and of velocities [m/s]
 
 FOCUS = ("focus_x", "focus_y", "focus_z")
+DRAWINGS = (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".geo_unrolled")  # files without cells
 
 # Which keys of [body] each shape takes besides shape, order, and for plane cells plane and thickness.
 KEYS = {
@@ -20,8 +22,13 @@ KEYS = {
     "plate": ("length", "width", "height", "cells", "cell_size", "graded", *FOCUS, "cell"),
     "channel": ("length", "height", "hole_centre", "hole_radius", "cell_size", "hole_cell_size", "cell"),
     "panel": ("outline", "holes", "height", "layers", "cell_size", "cell"),
-    "file": ("path", "scale"),
+    "file": ("path", "scale", "cell_size"),
 }
+
+
+def is_drawing(path: Any) -> bool:
+    """Whether a file has a drawing in place of cells, by its ending."""
+    return isinstance(path, str) and Path(path).suffix.lower() in DRAWINGS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +45,8 @@ class Body:
         with round `holes`, each (x, y, radius), in `layers` of tetrahedra (or prisms) of `cell_size` along its sides. Its places are
         z-min, z-max, edge-1 from the first point to the second, edge-2, ..., and hole-1, hole-2, ...
     file: the mesh in `path`, relative to the scene file; its groups name the places. Its coordinates times `scale` are metres:
-        0.001 for a file in millimetres.
+        0.001 for a file in millimetres. A drawing (.step, .iges, .brep, gmsh's .geo) is cut into cells of `cell_size` by gmsh, or
+        left out of those that it asks for itself; its parts without names are surface-1, ... as gmsh counts them.
 
     A beam or a plate takes exactly one of `cells` (numbers along the axes) and `cell_size`. Its cells are even, or get shorter towards
     the faces that they are `graded` to (mesh/shapes/boxes.py), clamped ones, at whose edges strain has no limit, and around places along
@@ -99,7 +107,9 @@ class Body:
         """The keys that the shape of a table takes."""
         shape = table.get("shape", "beam")
         across = ("plane", "thickness") if shape in ("channel", "file") or table.get("cell") in PLANE_CELLS else ()
-        return ("shape", *KEYS.get(shape if isinstance(shape, str) else "", ()), "order", "element", *across)
+        own = KEYS.get(shape if isinstance(shape, str) else "", ())
+        cells = [key for key in own if key != "cell_size" or shape != "file" or is_drawing(table.get("path"))]
+        return ("shape", *cells, "order", "element", *across)
 
     @property
     def extent(self) -> Vector:
@@ -112,6 +122,11 @@ class Body:
         sides = (self.length, self.height, 0.0) if self.shape == "channel" else (self.length, self.width, self.height or 0.0)
         assert None not in sides
         return sides  # type: ignore[return-value]
+
+    @property
+    def drawn(self) -> bool:
+        """Whether it comes from a drawing, which is cut into cells here."""
+        return self.shape == "file" and is_drawing(self.path)
 
     @property
     def focus(self) -> list[tuple[tuple[float, float], ...]]:

@@ -34,7 +34,8 @@ def is_plane(body: Body) -> bool:
 def keys_of(body: Body) -> list[str]:
     """The keys that the shape of a body takes."""
     plane = is_plane(body)
-    takes = [key for key in KEYS[body.shape] if not (plane and body.shape == "plate" and key == "height")]
+    unfit = "height" if plane and body.shape == "plate" else "cell_size" if body.shape == "file" and not body.drawn else ""
+    takes = [key for key in KEYS[body.shape] if key != unfit]
     return takes + ["shape", "order", "element"] + ["plane", "thickness"] * (plane or body.shape == "file")
 
 
@@ -110,7 +111,7 @@ def _check_orthotropic(material: Material, key: str) -> None:
 def check_body(body: Body, given: dict[str, Any], *, chosen: bool = False) -> None:
     """Which keys a shape needs, takes and refuses. Args: chosen: its mesh is, by the error asked for."""
     plane, takes = is_plane(body), keys_of(body)
-    kind = f"a plane {body.shape}" if body.shape == "plate" and plane else f"a {body.shape}"
+    kind = f"a plane {body.shape}" if body.shape == "plate" and plane else "a drawing" if body.drawn else f"a {body.shape}"
     for key in given:
         if key not in takes:
             raise InputError(f"body.{key}: {kind} takes {', '.join(takes)}")

@@ -6,5 +6,6 @@
     nastran  .bdf, .nas and .fem, with property numbers
     su2      .su2, with markers by name
     xdmf     .xdmf of several grids, as dolfinx writes meshes with their tags
+    drawing  .step, .iges, .brep and gmsh's .geo, which have no cells and are cut by gmsh
     others   whatever else meshio reads: .vtu, .vtk, .med, .mesh and more
 """
