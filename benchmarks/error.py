@@ -33,7 +33,7 @@ from benchmarks import footing
 from physics.accuracy.between import solve_chosen
 from physics.accuracy.choose import choose
 from physics.accuracy.estimate import distance, observed_order
-from physics.accuracy.ladder import families
+from physics.accuracy.meshes.ladder import families
 from physics.accuracy.pilot import Pilot
 from physics.accuracy.table import judge
 from physics.equilibrium.newton import TOLERANCE

@@ -206,34 +206,34 @@ def _simulate_solid(scene: Any, options: Options, *, say: Say, writable: Writabl
         raise InputError(f"{options.scene}: simulate takes no channel; modes do")
     out, table = writable(options.out, ".vtkhdf"), writable(options.csv, ".csv", option="--csv")
     html = writable(options.html, ".html", option="--html")
-    choice = None
-    if scene.steps.error is not None:
-        from physics.accuracy.between import solve_chosen
-        from physics.accuracy.choose import choose
-
-        if processes > 1:
-            raise InputError("steps.error: the mesh is chosen in one process")
-        choice = choose(scene)
-        scene = choice.scene
-    if out.exists() and unfinished(out) not in (None, scene.to_toml()):
-        raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
-
     part = out.with_name(out.name + ".part")
     if processes > 1 and part.exists():
         raise InputError(f"--out {out}: {part.name} is of an unfinished run, which one process goes on with; delete it to start anew")
+
+    def journal(solved: Any) -> Path:
+        """Where the path of a scene is kept while it grows, unless another one's is there."""
+        if out.exists() and unfinished(out) not in (None, solved.to_toml()):
+            raise InputError(f"--out {out}: an unfinished run of another scene; choose another name, or delete it to start anew")
+        return part
+
     with tqdm(total=scene.steps.count, disable=True if rank else None, desc="simulate", unit="step") as bar:
-        how: dict[str, Any] = {"on_step": lambda step: bar.update(step - bar.n), "partial": True,
-                               "journal": part if processes == 1 else None}
-        solution = solve(scene, spread=processes > 1, **how) if choice is None else solve_chosen(choice, **how)
+        def on_step(step: int) -> None:
+            bar.update(step - bar.n)
+
+        if scene.steps.error is None:
+            verdict, place = None, journal(scene)
+            solution = solve(scene, spread=processes > 1, on_step=on_step, partial=True, journal=place if processes == 1 else None)
+        elif processes > 1:
+            raise InputError("steps.error: the mesh is chosen in one process")
+        else:
+            from physics.accuracy.answer import answer
+
+            scene, solution, verdict = answer(scene, on_step=on_step, journal=journal)
     if (largest := float(abs(solution.displacement).max())) > np.finfo(np.float32).max:
         part.unlink(missing_ok=True)
         raise WorkError(f"the body moves by up to {largest:.3g} m, and a file holds numbers up to 3.4e+38; nothing is written")
     trajectory = trajectory_of(scene, solution=solution)
-    verdict = None
-    if choice is not None and not solution.failure:
-        from physics.accuracy.table import judge
-
-        verdict = judge(choice, solution)
+    if verdict is not None:
         trajectory = replace(trajectory, extra=trajectory.extra | {"accuracy": verdict.table()})
     if rank == 0:
         if options.fields:

@@ -61,6 +61,7 @@ class Solution:
     linear_steps: int = 0  # the first ones, which solve linear elasticity
     resumed: int = 0  # steps that an earlier, unfinished run had reached
     knots: tuple[int, ...] = ()  # the steps that were solved, where the others lie on splines through them (accuracy/between.py)
+    steps_of_time: int | None = None  # of a motion where they are not its frames (accuracy/motion.py)
     between: float = 0.0  # how far those are off in the quantity whose error was asked for, relative
     failure: str = ""  # empty when every step was reached
 
@@ -139,7 +140,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     found = Solution(
         mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
-        model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, knots=(), between=0.0, failure=failure)
+        model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, knots=(), steps_of_time=None, between=0.0, failure=failure)
     if look:
         found = of_path(scene, found)
     if failure and not partial:

@@ -218,13 +218,14 @@ def test_an_error_that_is_asked_replaces_the_mesh_and_its_table_is_printed_and_k
     verdict = Verdict(0.02, "stress", 0.01, reached, (dict(zip(HEADS, ("cells along x", "2", 0.01, None), strict=True)),), ("odd",))
     asked, said = [], []
 
-    def choose(scene):
+    def choose(scene, balanced):
+        assert not balanced
         asked.append(scene)
         own = beam(body=COARSE | {"cells": [2, 1, 1]}, steps={"count": 1}, load=[{"where": "x-max", "traction": [1.0, 0.0, 0.0]}])
         return SimpleNamespace(scene=own, mesh=build_mesh(own.body), tolerance=1e-7, small_strain=2e-3)
 
-    monkeypatch.setattr("physics.accuracy.choose.choose", choose)
-    monkeypatch.setattr("physics.accuracy.table.judge", lambda choice, solution: verdict)
+    monkeypatch.setattr("physics.accuracy.answer.choose", choose)
+    monkeypatch.setattr("physics.accuracy.answer.judge", lambda choice, solution: verdict)
     options = argparse.Namespace(scene=path, out=tmp_path / "t.vtkhdf", csv=None, html=None, fields=None, set=[], error=0.02,
                                  quantity="stress")
 

@@ -9,7 +9,7 @@ import pytest
 from physics.accuracy import pilot
 from physics.accuracy.choose import choose
 from physics.accuracy.estimate import distance
-from physics.accuracy.ladder import families, points_of
+from physics.accuracy.meshes.ladder import families, points_of
 from physics.accuracy.table import HEADS, judge
 from physics.mesh.build import build_mesh
 from physics.mesh.files import write_mesh
@@ -137,7 +137,6 @@ def test_points_of_comparison_lie_in_all_meshes_of_a_box_and_weigh_one():
     ({"steps": {"error": 0.0}}, "steps.error = 0.0"),
     ({"steps": {"error": 1.0}}, "steps.error = 1.0"),
     ({"steps": {"quantity": "strain"}}, "steps.quantity = 'strain': must be one of displacement, reaction, stress"),
-    ({"steps": {"dynamic": True, "duration": 1.0}}, "is for equilibria"),
 ])
 def test_what_cannot_be_asked_for_is_refused_in_one_line(changes, words):
     with pytest.raises(InputError, match="steps|body") as refused:

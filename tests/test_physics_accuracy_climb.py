@@ -10,7 +10,7 @@ import pytest
 from physics.accuracy import choose
 from physics.accuracy.choose import MESH
 from physics.accuracy.climb import Climb
-from physics.accuracy.ladder import families
+from physics.accuracy.meshes.ladder import families
 from physics.accuracy.pilot import Pilot
 from physics.equilibrium.state import NoEquilibrium
 from tests.scenes import beam

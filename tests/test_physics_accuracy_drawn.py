@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from physics.accuracy.choose import choose
-from physics.accuracy.drawn import Drawing, proportions
 from physics.accuracy.estimate import distance
 from physics.accuracy.frequency import choose_modes
-from physics.accuracy.ladder import families
+from physics.accuracy.meshes.drawn import Drawing, proportions
+from physics.accuracy.meshes.ladder import families
 from physics.body.stress import stress_jumps
 from physics.mesh.build import build_mesh
 from physics.mesh.formats.drawing import Cut

@@ -8,7 +8,7 @@ import pytest
 from physics.accuracy.choose import choose
 from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
-from physics.accuracy.ladder import families, points_of
+from physics.accuracy.meshes.ladder import families, points_of
 from physics.mesh.files import write_mesh
 from physics.mesh.quality import cell_volumes
 from physics.mesh.shapes.boxes import box

@@ -37,10 +37,8 @@ from datagen.flow.trajectory import flow_trajectory
 from datagen.sets import dataset
 from datagen.sets.check import unfit
 from datagen.sets.workers import on_cluster, on_this_machine, progress
-from physics.accuracy.between import solve_chosen
-from physics.accuracy.choose import choose
-from physics.accuracy.ladder import meshed
-from physics.accuracy.table import judge
+from physics.accuracy.answer import answer
+from physics.accuracy.meshes.ladder import meshed
 from physics.body.supports import held
 from physics.contact.obstacles import Rigid
 from physics.equilibrium.balance import cell_size
@@ -82,9 +80,8 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
         return flow_trajectory(scene, solve_flow(scene, on_step=on_step, partial=True), seed=seed, index=index)
     accuracy: dict[str, Any] = {}
     if solution is None and scene.steps.error is not None:
-        choice = choose(scene, balanced=True)
-        scene, solution = choice.scene, solve_chosen(choice, on_step=on_step, partial=True, balanced=True, snaps=snaps)
-        accuracy = {} if solution.failure else {"accuracy": judge(choice, solution).table()}
+        scene, solution, verdict = answer(scene, on_step=on_step, balanced=True, snaps=snaps)
+        accuracy = {} if verdict is None else {"accuracy": verdict.table()}
     solution = solution or solve(scene, on_step=on_step, partial=True, snaps=snaps)
     mesh = solution.mesh
     fixed = held(scene, mesh)
@@ -106,7 +103,8 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
     corners = np.repeat([mesh.cells.shape[1], 3], [len(mesh.cells), len(triangles)])
     shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
     moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
-    extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]))}, "seconds": solution.seconds,
+    extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]), solution.steps_of_time)},
+             "seconds": solution.seconds,
              "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure} | accuracy
     if from_file:
         extra["mesh_file"] = mesh_file(scene)

@@ -15,7 +15,7 @@ import numpy as np
 
 from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
-from physics.accuracy.ladder import families
+from physics.accuracy.meshes.ladder import families
 from physics.accuracy.pilot import Pilot, Pilots
 from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.state import State
@@ -77,7 +77,7 @@ def choose(scene: Scene, most: int = MOST_NODES, *, balanced: bool = False) -> C
     def begun(climb: Climb) -> None:
         nonlocal loose
         if math.isnan(loose):
-            loose = _tightened(pilots, climb, LOOSE * asked)
+            loose = tightened(pilots, climb, LOOSE * asked)
 
     best, other = climbed([Climb(kind, pilots, MESH * asked, most, kind.base) for kind in kinds], begun)
     chosen = best.family.scene_with(best.sizes)
@@ -109,7 +109,7 @@ def climbed(climbs: list[Climb], begun: Callable[[Climb], None] = lambda climb: 
     return best, next((climb for climb in solved if climb is not best), None)
 
 
-def _tightened(pilots: Pilots, climb: Climb, allowed: float) -> float:
+def tightened(pilots: Pilots, climb: Climb, allowed: float) -> float:
     """Lower the tolerance until it makes less of the error than is allowed, seen on the coarsest mesh; what it makes."""
     family, sizes = climb.family, climb.ladder[0][0]
     while True:

@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from physics.accuracy.estimate import FIRST, ROUNDING, ErrorEstimate, coarse, distance, estimate, looked, norm
-from physics.accuracy.ladder import MeshFamily, Sizes
+from physics.accuracy.meshes.ladder import MeshFamily, Sizes
 from physics.accuracy.pilot import POSE, Floats, Pilot, cost
 from physics.equilibrium.state import NoEquilibrium
 from physics.schema import InputError

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from physics.accuracy.choose import MESH, MOST_NODES, climbed
 from physics.accuracy.climb import Climb
-from physics.accuracy.ladder import MeshFamily, Sizes, families
+from physics.accuracy.meshes.ladder import MeshFamily, Sizes, families
 from physics.accuracy.pilot import Pilot
 from physics.accuracy.table import Verdict, row, rows_of_mesh
 from physics.modes.elastic import Modes, elastic_modes

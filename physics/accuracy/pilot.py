@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.accuracy.ladder import MeshFamily, Sizes, points_of
+from physics.accuracy.meshes.ladder import MeshFamily, Sizes, points_of
 from physics.body.stress import nodal_stress, recovery, von_mises_of
 from physics.contact.obstacles import Rigid
 from physics.equilibrium.path import LoadPath

@@ -17,7 +17,7 @@ import numpy as np
 from physics.accuracy.choose import MOST_NODES, Choice
 from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance, norm
-from physics.accuracy.ladder import Sizes
+from physics.accuracy.meshes.ladder import Sizes
 from physics.accuracy.pilot import Pilot
 from physics.equilibrium.state import NoEquilibrium
 from physics.mesh.mesh import Floats

@@ -21,15 +21,20 @@ from physics.scene import Scene
 FAIR = 0.01  # largest share of the static displacement that may swing
 
 
-def inertia(scene: Scene, frequency: float) -> str:
-    """What is done about inertia and why, in words; frequency [Hz] of the first mode, zero when a motion is left free."""
+def inertia(scene: Scene, frequency: float, steps: int | None = None) -> str:
+    """What is done about inertia and why, in words.
+
+    Args:
+        frequency: [Hz] of the first mode, zero when a motion is left free
+        steps: of time, where they are not those of the scene
+    """
     if not frequency > 0:
         if scene.steps.dynamic:
             return "in motion, energy kept step by step; the supports leave a motion free"
         return "left out: the supports leave a motion free, which has no period to compare the loading with"
     period, duration = 1 / frequency, scene.steps.duration
     if scene.steps.dynamic:
-        return _resolved(scene, period)
+        return _resolved(scene, period, steps or scene.steps.count)
     mode = f"the first mode ({frequency:.4g} Hz)"
     if duration is None:
         fair = fair_duration(scene, period)
@@ -41,10 +46,10 @@ def inertia(scene: Scene, frequency: float) -> str:
     return said if swing <= FAIR else said + f"; above {FAIR:g} this matters: [steps] dynamic = true has inertia"
 
 
-def _resolved(scene: Scene, period: float) -> str:
-    """How well the steps of a dynamic scene resolve a first period [s], in words."""
+def _resolved(scene: Scene, period: float, steps: int) -> str:
+    """How well so many steps of a dynamic scene resolve a first period [s], in words."""
     assert scene.steps.duration is not None
-    h = scene.steps.duration / scene.steps.count
+    h = scene.steps.duration / steps
     longer, fastest = (2 * math.pi * h / period) ** 2 / 12, 1 / (10 * h)
     return (f"in motion, energy kept step by step: {period / h:.3g} steps of {h:.3g} s for a period of the first mode "
             f"({1 / period:.4g} Hz), which comes out longer by {longer:.1e} of it; modes above {fastest:.3g} Hz have less than 10 "

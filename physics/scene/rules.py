@@ -70,8 +70,6 @@ def check_error(steps: Steps, body: Body, given: dict[str, Any]) -> None:
         if steps.quantity is not None:
             raise InputError("steps.quantity: needs error, the one asked for")
         return
-    if steps.dynamic:
-        raise InputError("steps.error: is for equilibria; of a body in motion (dynamic = true) the error in time is not known")
     if body.shape == "channel":
         raise InputError("steps.error: a channel has modes only")
     if decided := [key for key in chosen_keys(given) if key in given]:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physics.accuracy.drawn import Drawing
+from physics.accuracy.meshes.drawn import Drawing
 from physics.body.element import samples
 from physics.contact.obstacles import Rigid
 from physics.mesh.build import across, build_mesh, of_order

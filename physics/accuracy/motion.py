@@ -1,0 +1,216 @@
+"""A body in motion: on which mesh, and in how many steps of time, does it keep an error that is asked?
+
+A step of length h makes periods longer by a share that falls as h^2 (motion/dynamics.py), so that the phase of a body is the farther off
+the longer it swings. How many steps are enough is sought on the coarsest mesh, where they are cheap: more and more of them, until what is
+left by the order that is seen (estimate.py) is below TIME of the error. Meshes are compared as for equilibria (climb.py), each by its
+whole motion, all in so few steps that time makes ROUGH of the error: it makes about the same on each. The mesh that is chosen has as many
+as are enough, and once more fewer, to see what time makes of the error there; where that is too much there are more.
+
+The frames of a scene are what its file has. Where fewer steps are enough frames between them lie on cubic splines in time; where more are
+taken, a frame has the mean force of its steps. Legend: N nodes, T frames + 1, K frames that are compared, M points.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physics.accuracy.between import splines
+from physics.accuracy.choose import LOOSE, LOOSEST, MOST_NODES, climbed, tightened
+from physics.accuracy.climb import Climb
+from physics.accuracy.estimate import FIRST, ErrorEstimate, distance, estimate
+from physics.accuracy.meshes.ladder import MeshFamily, Sizes, families
+from physics.accuracy.pilot import Pilot, Pilots
+from physics.accuracy.table import Verdict, row, rows_of_mesh
+from physics.equilibrium.state import NoEquilibrium
+from physics.mesh.mesh import Mesh
+from physics.scene import Scene
+from physics.solution import Solution, of_path, solve
+
+Floats = NDArray[np.float64]
+
+TIME, MESH = 0.35, 0.5  # shares of the error asked
+ROUGH = 2.0  # times the error asked time may make where meshes are compared
+FEWEST, MOST = 16, 50_000  # steps of time
+MORE = 1.5  # times as many steps at least are tried next
+COMPARED = 60  # frames, at most
+TAUGHT = 6  # frames that tell a drawing where its cells should be small
+
+
+@dataclass(frozen=True)
+class ChosenMotion:
+    """scene: with the mesh that was chosen, asking for nothing; solution: its frames; verdict: what is known of their error."""
+
+    scene: Scene
+    solution: Solution
+    verdict: Verdict
+
+
+class Motions(Pilots):
+    """The motions of a scene on its meshes, each found once; used as `Pilots` are, with the frames that are compared for poses."""
+
+    def __init__(self, scene: Scene, kinds: list[MeshFamily], quantity: str, tolerance: float, steps: int) -> None:
+        super().__init__(scene, kinds, quantity, tolerance=tolerance, small_strain=0.0)
+        self.count, self.frames = steps, scene.steps.count
+        self.compared = sorted({round(step) for step in np.linspace(1, self.frames, min(COMPARED, self.frames))})
+        self.fractions = np.array(self.compared) / self.frames
+        self._moved: dict[tuple[int, Sizes, float, int], tuple[Pilot, Solution]] = {}
+
+    def __call__(self, family: MeshFamily, sizes: Sizes, tolerance: float | None = None) -> Pilot:
+        return self.moved(family, sizes, self.count, tolerance)[0]
+
+    def __len__(self) -> int:
+        return len(self._moved)
+
+    def knows(self, family: MeshFamily, sizes: Sizes) -> bool:
+        return (family.order, sizes, self.tolerance, self.count) in self._moved
+
+    def solved(self, order: int) -> list[tuple[Sizes, Pilot]]:
+        return [(sizes, pilot) for (one, sizes, tolerance, steps), (pilot, _) in self._moved.items()
+                if (one, tolerance, steps) == (order, self.tolerance, self.count)]
+
+    def moved(self, family: MeshFamily, sizes: Sizes, steps: int, tolerance: float | None = None) -> tuple[Pilot, Solution]:
+        """The motion on a mesh in so many steps of time, as its frames. Raises `NoEquilibrium`."""
+        tolerance = tolerance or self.tolerance
+        key = family.order, sizes, tolerance, steps
+        if key not in self._moved:
+            started = time.process_time()
+            scene, mesh = family.rung(sizes)
+            found = framed(_moved(scene, mesh, steps, tolerance), self.frames)
+            pilot = Pilot(mesh, self.of(scene, found, self.compared), found.displacement[:: max(1, self.frames // TAUGHT)][1:],
+                          time.process_time() - started)
+            self._moved[key] = pilot, found
+            self.seconds += pilot.seconds
+            family.learn(sizes, pilot.u)
+        return self._moved[key]
+
+
+def choose_motion(scene: Scene, most: int = MOST_NODES) -> ChosenMotion:
+    """The motion of a scene that keeps the error which it asks for, at the least cost, or the best that was tried.
+
+    Args: most: nodes
+    Raises as `solve`.
+    """
+    assert scene.steps.error is not None
+    asked, quantity = scene.steps.error, scene.steps.quantity or "displacement"
+    kinds = sorted(families(scene), key=lambda family: family.order)
+    motions = Motions(scene, kinds, quantity, min(LOOSEST, asked / 100), FEWEST)
+    stepped, enough, motions.count = in_time(motions, kinds[-1], TIME * asked, ROUGH * asked)
+    loose = [0.0]
+
+    def begun(climb: Climb) -> None:
+        if not loose[0]:
+            loose[0] = tightened(motions, climb, LOOSE * asked)
+
+    best, other = climbed([Climb(kind, motions, MESH * asked, most, kind.base) for kind in kinds], begun)
+    motions.count = enough
+    while True:
+        coarser, ahead = beside(motions)
+        pilot, found = motions.moved(best.family, best.sizes, motions.count)
+        fewer = motions.moved(best.family, best.sizes, coarser)[0]
+        off = distance(fewer.values, pilot.values, motions.weights)
+        ratio = (coarser / motions.count) ** stepped.order
+        made = off * ratio / (1 - ratio)
+        estimated = best.error + made + loose[0]
+        if estimated <= asked or made <= TIME * asked or ahead > MOST:
+            break
+        motions.count = ahead
+    motion = f"{motions.count} for {motions.frames} frames, held against {coarser}; error falls as h^{stepped.order:.2g} ({stepped.how})"
+    rows = [*rows_of_mesh(best),
+            row("kinematics", "the linear law, as asked" if scene.linear else "finite strain", 0.0),
+            row("tolerance", f"{motions.tolerance:.0e} of the reaction", loose[0]),
+            row("steps of time", motion, made),
+            row("the whole scene", f"{best.family.said(best.sizes)}; {best.said}", estimated, pilot.seconds)]
+    if other is not None:
+        sizes, error = other.ladder[-1]
+        rows.append(row("the other order", other.family.said(sizes) + ("" if other.reached else ", given up"), error))
+    rows.append(row("the search", f"{len(motions)} motions", None, motions.seconds))
+    remarks = ("the error does not fall regularly: the larger of two differences is taken",) * ("irregular" in (best.how, stepped.how))
+    chosen = best.family.scene_with(best.sizes)
+    said = f"{motions.count} of time for {motions.frames} frames"
+    found = of_path(chosen, replace(found, model=found.model | {"steps": said}, steps_of_time=motions.count, seconds=pilot.seconds))
+    reached = best.reached and estimated <= asked
+    return ChosenMotion(chosen, found, Verdict(asked, quantity, estimated, reached, tuple(rows), remarks))
+
+
+def in_time(motions: Motions, family: MeshFamily, target: float, rough: float) -> tuple[ErrorEstimate, int, int]:
+    """What is known of the error of time on the coarsest mesh of a family, and numbers of steps that keep a target and a rough one."""
+    tried, differences = [motions.count], list[float]()
+    motions.count = tried[0] = next(n for n in numbers(motions.frames) if n >= FEWEST)
+    while True:
+        ahead = beside(motions)[1]
+        if ahead > MOST:
+            return ErrorEstimate(np.inf, FIRST[motions.quantity], "irregular"), motions.count, motions.count
+        before, after = (motions.moved(family, family.base, steps)[0] for steps in (motions.count, ahead))
+        differences.append(distance(before.values, after.values, motions.weights))
+        tried.append(ahead)
+        motions.count = ahead
+        found = estimate(tried, differences, 2.0, motions.quantity)
+        if found.error <= target:
+            break
+    finest = motions.moved(family, family.base, tried[-1])[0]
+    off = [distance(motions.moved(family, family.base, steps)[0].values, finest.values, motions.weights) + found.error for steps in tried]
+    enough, roughly = (next(steps for steps, each in zip(tried, off, strict=True) if each <= least) for least in (target, rough))
+    return found, enough, roughly
+
+
+def beside(motions: Motions) -> tuple[int, int]:
+    """The numbers of steps next to that of motions, MORE times fewer and more at least."""
+    fewer = max((n for n in numbers(motions.frames) if MORE * n <= motions.count), default=motions.count // 2)
+    return fewer, next(n for n in numbers(motions.frames) if n >= MORE * motions.count)
+
+
+def numbers(frames: int) -> list[int]:
+    """Of steps with which every frame is reached, or every step a frame, rising beyond MOST."""
+    few = [n for n in range(2, frames) if frames % n == 0]
+    return few + [frames * 2**k for k in range(2 + max(0, int(np.log2(MOST / frames) + 1)))]
+
+
+def framed(found: Solution, frames: int) -> Solution:
+    """The frames of a motion that was solved in fewer or in more steps of time."""
+    steps = len(found.displacement) - 1
+    rows = {name: value for name, value in vars(found).items() if isinstance(value, np.ndarray) and len(value) == steps + 1}
+    if steps >= frames:
+        many = steps // frames
+        parts = {name: np.concatenate([value[:1], whole(value[1:].reshape(frames, many, *value.shape[1:]))])
+                 for name, value in rows.items() for whole in (OF_STEPS.get(name, _last),)}
+        return replace(found, **parts)
+    each = frames // steps
+    to, passed = splines(np.arange(0, frames + 1, each), np.arange(frames + 1)), -(-np.arange(frames + 1) // each)
+    led: dict[str, Any] = {name: np.tensordot(to, value, 1) for name, value in rows.items() if value.dtype == np.float64}
+    led |= {name: np.maximum(led[name], 0.0) for name in ("energy", "kinetic_energy", "penetration")}
+    led |= {"relative_residual": found.relative_residual[passed], "snap": np.zeros(frames + 1), "released": np.zeros(frames + 1)}
+    iterations = np.zeros(frames + 1, np.int64)
+    iterations[::each] = found.newton_iterations
+    return replace(found, **led, newton_iterations=iterations, knots=tuple(range(0, frames + 1, each)))
+
+
+def _last(parts: Floats) -> Floats:
+    return parts[:, -1]
+
+
+def _mean(parts: Floats) -> Floats:
+    return np.asarray(parts.mean(axis=1))
+
+
+def _sum(parts: Floats) -> Floats:
+    return np.asarray(parts.sum(axis=1))
+
+
+def _most(parts: Floats) -> Floats:
+    return np.asarray(parts.max(axis=1))
+
+
+# What a frame has of the steps (T, m, ...) that lead to it, if not what the last one has.
+OF_STEPS = {"reaction": _mean, "reactions": _mean, "newton_iterations": _sum, "released": _sum, "relative_residual": _most, "snap": _most}
+
+
+def _moved(scene: Scene, mesh: Mesh, steps: int, tolerance: float) -> Solution:
+    found = solve(replace(scene, steps=replace(scene.steps, count=steps)), mesh=mesh, tolerance=tolerance, partial=True, look=False)
+    if found.failure:
+        raise NoEquilibrium(f"on {len(mesh.points)} nodes in {steps} steps of time: {found.failure}", found)
+    return found
