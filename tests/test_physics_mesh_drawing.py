@@ -1,7 +1,11 @@
 """Drawings that gmsh cuts into cells: volumes and units from their dimensions, names of their parts, and what a script may not do."""
 
+import os
 import subprocess
+import sys
+import time
 from math import pi
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -127,6 +131,17 @@ def test_the_same_drawing_gives_the_same_cells(step):
     ('CreateDir "{}";', "CreateDir is not"),
     ('General.ErrorFileName = "{}";', "General is not"),
     ('Plugin(MathEval).Run;', "Plugin is not"),
+    ('x() = ListFromFile["{}"];', "ListFromFile is not"),
+    ('Field[1] = Structured; Field[1].FileName = "{}";', "FileName is not"),
+    ('x = "a\nb"; SystemCall "touch {}";', "line 6: a text or comment that does not end"),
+    ("""x = '"'; SystemCall "touch {}";""", "line 6: SystemCall is not"),
+    ("x = '/*'; SystemCall 'touch {}'; y = '*/';", "SystemCall is not"),
+    ("""x = "\\" '"; SystemCall "touch {}"; y = "'";""", "a text or comment that does not end"),
+    ("x = '" + 9999 * "a" + "'; y = \"SystemCall 'touch {}'; z = \";", "is too long"),
+    ("""If (0)\nx = " EndIf SystemCall 'touch {}'; x = ";\nEndIf""", "line 7: EndIf within a text"),
+    ('\u00e9SystemCall "touch {}";', "SystemCall is not"),
+    ('x = "\0"; SystemCall "touch {}";', "a byte that no text has"),
+    ('/* \n\n */ SystemCall "touch {}";', "line 8: SystemCall is not"),
 ])
 def test_a_script_that_does_more_than_draw_is_refused_unread(line, said, tmp_path):
     path = drawing(tmp_path, CORNER.strip() + "\n" + line.replace("{}", str(tmp_path / "made")) + "\n")
@@ -138,6 +153,73 @@ def test_a_script_that_does_more_than_draw_is_refused_unread(line, said, tmp_pat
 def test_words_in_comments_and_names_run_nothing(tmp_path):
     text = CORNER + '// SystemCall "x";\n/* Save "y";\nPrint */\nPhysical Curve("Save // this") = {1};\nPrintf("Print %g", 1);\n'
     assert "Save // this" in read_mesh(drawing(tmp_path, text)).places
+
+
+@pytest.mark.parametrize("name", ["part.Step", "part.Igs", "part.Brep", "part.step"])
+def test_an_ending_in_large_letters_makes_no_drawing_a_script(name, tmp_path):
+    path = drawing(tmp_path, CORNER + f'SystemCall "touch {tmp_path / "made"}";\n', name)
+    with pytest.raises(InputError):
+        read_mesh(path)
+    with pytest.raises(InputError):
+        read_mesh(drawing(tmp_path, f'Merge "{name}";'))
+    assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.parametrize("name", ["-3.geo", "cut here.geo", "cut.geo", "\u00fc 'b'.GEO"])
+def test_a_drawing_may_have_any_name(name, tmp_path, monkeypatch):
+    drawing(tmp_path, name=name)
+    monkeypatch.chdir(tmp_path)
+    assert "curve-2" in read_mesh(name).places
+
+
+def test_texts_are_in_either_quotes(tmp_path):
+    text = CORNER + """Physical Curve("It's // held \u00e9") = {1};\nIf (1) Physical Curve('x y') = {2}; Else x = 1; EndIf\n"""
+    assert sorted(read_mesh(drawing(tmp_path, text)).places) == ["It's // held \u00e9", "body", "x y"]
+
+
+def iges(unit):
+    """A rectangle of 100 x 50 between two lines, as an IGES file in a unit by its number and name in IGES 5.3."""
+    head = ("1H,,1H;,4Htest,8Htest.igs,4Htest,4Htest,32,38,6,308,15,4Htest,1.," + unit +
+            ",1,1.,15H20200101.000000,1E-07,100.,4Htest,4Htest,11,0,15H20200101.000000;")
+    heads = [head[i:i + 72] for i in range(0, len(head), 72)]
+    lines = [f"{'test':<72}S{1:>7}", *(f"{one:<72}G{i:>7}" for i, one in enumerate(heads, 1))]
+    entities = [(110, "110,0.,0.,0.,100.,0.,0.;"), (110, "110,0.,50.,0.,100.,50.,0.;"), (118, "118,1,3,0,0;")]
+    for i, (kind, _) in enumerate(entities):
+        status = "00010000" if kind == 110 else "00000000"
+        lines += [f"{kind:>8}{i + 1:>8}" + f"{0:>8}" * 6 + f"{status}D{2 * i + 1:>7}",
+                  f"{kind:>8}{0:>8}{0:>8}{1:>8}{int(kind == 118):>8}{'':>24}{0:>8}D{2 * i + 2:>7}"]
+    lines += [f"{said:<64}{2 * i + 1:>8}P{i + 1:>7}" for i, (_, said) in enumerate(entities)]
+    return "\n".join([*lines, f"S{1:>7}G{len(heads):>7}D{6:>7}P{3:>7}{'':>40}T{1:>7}\n"])
+
+
+@pytest.mark.parametrize("unit, metre", [("2,2HMM", 1e-3), ("6,1HM", 1.0), ("1,4HINCH", 0.0254)])
+def test_iges_says_its_units_too(unit, metre, tmp_path):
+    path = drawing(tmp_path, iges(unit), "part.IGES")
+    mesh = read_mesh(path, cut=Cut(10 * metre))
+    np.testing.assert_allclose(np.ptp(mesh.points, axis=0), (100 * metre, 50 * metre, 0), rtol=1e-9)
+    assert 80 < len(mesh.cells) < 200  # 50 squares of 10 in two triangles and more
+
+
+def test_a_torus_has_as_many_cells_around_it_as_keep_its_sides_from_crossing(tmp_path):
+    path = drawing(tmp_path, 'SetFactory("OpenCASCADE"); Torus(1) = {0, 0, 0, 0.02, 0.005};')
+    mesh = second_order(read_mesh(path, order=2, cut=Cut(0.004)))
+    assert volume(mesh) == pytest.approx(2 * pi**2 * 0.02 * 0.005**2, rel=1e-3)
+
+
+def test_gmsh_ends_with_the_program_that_waits_for_it(tmp_path):
+    path = drawing(tmp_path, CORNER + "For i In {0:1e12}\nx = i;\nEndFor\n")
+    program = f"import os, sys; sys.path[:] = {sys.path!r}; from physics.mesh.files import read_mesh; read_mesh({str(path)!r})"
+    with subprocess.Popen([sys.executable, "-c", program], env=os.environ | {"TMPDIR": str(tmp_path)}) as waiting:
+        while not list(tmp_path.glob("fidelity-drawing-*/said")):
+            time.sleep(0.05)
+        time.sleep(0.5)
+        waiting.kill()
+    at = [link for link in Path("/proc").glob("[0-9]*/cwd") if os.access(link, os.R_OK) and str(tmp_path) in os.path.realpath(link)]
+    for _ in range(50):
+        if not any(str(tmp_path) in os.path.realpath(link) for link in at if link.exists()):
+            return
+        time.sleep(0.1)
+    pytest.fail("gmsh runs on")
 
 
 def test_no_options_beside_a_drawing_or_at_home_are_followed(tmp_path, monkeypatch):

@@ -127,7 +127,8 @@ class Pilots:
     def _at_points(self, mesh: Mesh, values: Floats) -> Floats:
         """(K, M, d) what nodes have (K, N, d) at the points that all meshes share."""
         if mesh is not self._placed[0]:  # the same mesh is mostly asked again
-            self._placed = mesh, *self._located(mesh, self.points, 1e-6)
+            outside = 1.0 if self.scene.body.drawn else 1e-6  # [cells] each mesh of a drawing has other chords of its curved sides
+            self._placed = mesh, *self._located(mesh, self.points, outside)
         _, nodes, weights = self._placed
         return np.asarray(carried(values, nodes, weights))
 

@@ -38,16 +38,16 @@ FOLLOWS = 1.5  # times the cells, where half the size is asked
 class Drawing:
     """The meshes of a drawing with cells of one order, by about how many of them are along its longest side.
 
-    longest: side [m]; kind, dimension: of the cells
+    longest: side [m]; first: a mesh of it; kind, dimension: of the cells
     """
 
     def __init__(self, body: Body, order: int, first: Mesh) -> None:
         """Args: first: a mesh of the drawing, for its sides and its kind of cells."""
         self.body, self.longest = replace(body, order=order), float(np.ptp(first.points, axis=0).max())
-        self.kind, self.dimension = first.cell, first.dimension
+        self.first, self.kind, self.dimension = first, first.cell, first.dimension
         self._meshes: dict[int, Mesh] = {}
         self._sizes: dict[int, Near] = {}
-        self._first: tuple[int, int] | None = None  # n and cells of the first mesh
+        self._first: tuple[int, int] | None = None  # n and cells of the coarsest mesh made
 
     def mesh(self, n: int) -> Mesh:
         """Each made once: even, or graded by the finest mesh before it that has been learned from."""
@@ -71,8 +71,9 @@ class Drawing:
         """Whether the cells take sizes that are asked for, and are not in rows and numbers that the drawing prescribes."""
         if self.kind not in SIMPLICES:
             return False
-        some, more = (build_mesh(self.body, Cut(parts=parts)) for parts in (6, 12))
-        return len(more.cells) > FOLLOWS * len(some.cells)
+        volume, count = samples(self.first).volumes.sum(), len(self.first.cells)
+        size = (REGULAR[self.dimension] * volume / count) ** (1 / self.dimension)
+        return len(build_mesh(self.body, Cut(size / 2)).cells) > FOLLOWS * count
 
 
 def proportions(mesh: Mesh, poses: Iterable[Floats], materials: Materials, many: float) -> Near:
