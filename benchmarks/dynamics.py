@@ -15,7 +15,6 @@ from physics.solution import solve
 from tests import test_physics_dynamics as motion
 from tests.scenes import beam, pressed
 
-
 SIDES = {"body": {"length": 0.1, "width": 0.02, "height": 0.01},
          "material": {"young_modulus": 1e6, "poisson_ratio": 0.3, "density": 1000.0}, "support": [{"where": "x-min"}]}
 MOTIONS = {

@@ -140,7 +140,8 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     found = Solution(
         mesh=mesh, **way.frames,
         factorisations=path.newton.factorisations, halvings=path.halvings, linear_steps=path.linear_steps,
-        model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, knots=(), steps_of_time=None, between=0.0, failure=failure)
+        model=path.model(), seconds=way.seconds, set_up=set_up, resumed=way.resumed, knots=(), steps_of_time=None, between=0.0,
+        failure=failure)
     if look:
         found = of_path(scene, found)
     if failure and not partial:
