@@ -19,6 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.body.kernel import smallest_det_f
+from physics.body.schedule import Moves
+from physics.body.supports import held
+from physics.contact.obstacles import Rigid
 from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.path import LoadPath
 from physics.equilibrium.small_strain import LINEAR_TOLERANCE
@@ -35,7 +38,9 @@ from physics.schema import InputError
 Floats = NDArray[np.float64]
 
 FEWEST = 4  # steps
-SEEN = "snaps", "folds", "inside out"  # words of the model on what a path shows
+WITHOUT_LIMIT = "forces beside them grow without limit as cells get smaller"
+SEEN = "snaps", "folds", "inside out", "held"  # words of the model on what a path shows
+LOOKS, TOUCHED = 40, 1e-6  # fractions of the loading at which held points are looked at; of the body's size they may be passed by
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +184,23 @@ def identity(scene: Scene, mesh: Mesh) -> str:
 def of_path(scene: Scene, solution: Solution) -> Solution:
     """The same, with what its path shows of the body in its model."""
     seen = snapped(solution.snap) | _cut(solution.mesh, solution.displacement) | _inside_out(scene, solution)
+    if deep := through_held(scene, solution.mesh):
+        seen["held"] = f"an obstacle passes through points that are held, by up to {deep:.3g} m: {WITHOUT_LIMIT}"
     return replace(solution, model={name: text for name, text in solution.model.items() if name not in SEEN} | seen)
+
+
+def through_held(scene: Scene, mesh: Mesh) -> float:
+    """How deep an obstacle passes into points of a body that are held in all directions [m]; 0 where it passes none.
+
+    What lies beside such a point would have to move by that much within no length: the energy of that has no limit on finer cells.
+    """
+    points = np.flatnonzero(held(scene, mesh).all(axis=1))
+    deepest, moves = 0.0, Moves(scene, mesh)
+    for obstacle in map(Rigid, scene.obstacles if len(points) else ()):
+        for fraction in sorted({*np.linspace(0, 1, LOOKS + 1).tolist(), *obstacle.reached.tolist()}):
+            at = mesh.points[points] + moves.at(fraction)[points]
+            deepest = max(deepest, -float(obstacle.gap(at, obstacle.position(fraction))[0].min()))
+    return deepest if deepest > TOUCHED * float(mesh.extent.max()) else 0.0
 
 
 def snapped(snap: Floats) -> dict[str, str]:

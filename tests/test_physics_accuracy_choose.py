@@ -10,13 +10,14 @@ from physics.accuracy import pilot
 from physics.accuracy.choose import choose
 from physics.accuracy.estimate import distance
 from physics.accuracy.meshes.ladder import families, points_of
+from physics.accuracy.motion import choose_motion
 from physics.accuracy.table import HEADS, judge
 from physics.mesh.build import build_mesh
 from physics.mesh.files import write_mesh
 from physics.mesh.shapes.boxes import box
-from physics.scene import Body, Scene, read_scene
+from physics.scene import Body, Scene, Steps, read_scene
 from physics.schema import InputError
-from physics.solution import solve
+from physics.solution import solve, through_held
 from tests.scenes import beam
 
 SIDES = {"length": 0.06, "width": 0.02, "height": 0.02}
@@ -181,3 +182,34 @@ def test_stress_that_is_asked_for_is_kept_where_two_meshes_alone_would_have_it_f
     fine = choice.pilots.beside(*families(scene)[0].rung((20, 6, 4)), 1e-6, choice.pilot, choice.pilots.fractions)
     true = distance(choice.pilot.values, fine.values, choice.pilots.weights)
     assert choice.climb.reached and true < choice.climb.error <= 0.15
+
+
+def lowered(to, back=None, support=None):
+    """A beam 10 mm high that is held at x = 0, under a plate that comes down to a height."""
+    path = [[0, 0, 0.011], [0, 0, to], *([] if back is None else [[0, 0, back]])]
+    return beam(body=SIDES | {"height": 0.01, "cells": [6, 2, 2]}, steps={"count": 10},
+                obstacle={"shape": "half-space", "normal": [0, 0, -1], "path": path},
+                support=support or [{"where": "x-min"}])
+
+
+@pytest.mark.parametrize("scene, deep", [
+    (lowered(0.006), 0.004),
+    (lowered(0.006, back=0.011), 0.004),  # and comes up again
+    (lowered(0.01), 0.0),  # touches
+    (lowered(0.006, support=[{"where": "x-min", "displacement": [0, 0, -0.004]}]), 0.0),  # the support goes before it
+    (lowered(0.006, support=[{"where": "x-min", "fixed": "xy"}, {"where": "z-min"}]), 0.0),  # what it presses may give way
+    (lowered(0.006, support=[{"where": "z-max"}]), 0.004),
+])
+def test_how_deep_an_obstacle_passes_into_what_is_held(scene, deep):
+    assert through_held(scene, build_mesh(scene.body)) == pytest.approx(deep, rel=1e-9)
+
+
+def test_no_error_is_kept_where_an_obstacle_passes_through_what_is_held():
+    scene = replace(lowered(0.006), body=replace(lowered(0.006).body, cells=None))
+    for dynamic, ask in ((False, choose), (True, choose_motion)):
+        steps = replace(scene.steps, error=0.1, dynamic=dynamic, duration=1.0)
+        with pytest.raises(InputError, match="obstacle: passes through points that are held, by up to 0.004 m: forces beside them grow"):
+            ask(replace(scene, steps=steps))
+    found = solve(replace(lowered(0.0095), steps=Steps(count=2)))
+    assert found.model["held"].startswith("an obstacle passes through points that are held, by up to 0.0005 m")
+    assert "held" not in solve(replace(lowered(0.01), steps=Steps(count=2))).model

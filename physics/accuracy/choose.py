@@ -15,12 +15,14 @@ import numpy as np
 
 from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import distance
-from physics.accuracy.meshes.ladder import families
+from physics.accuracy.meshes.ladder import MeshFamily, families
 from physics.accuracy.pilot import Pilot, Pilots
 from physics.equilibrium.newton import TOLERANCE
 from physics.equilibrium.state import State
 from physics.mesh.mesh import Mesh
 from physics.scene import Scene
+from physics.schema import InputError
+from physics.solution import WITHOUT_LIMIT, through_held
 
 MESH, SMALL_STRAIN, LOOSE = 0.8, 0.1, 0.05  # shares of the error asked
 MOST_NODES = 20_000  # of a mesh that is tried
@@ -69,7 +71,7 @@ def choose(scene: Scene, most: int = MOST_NODES, *, balanced: bool = False) -> C
     """
     assert scene.steps.error is not None
     asked, quantity = scene.steps.error, scene.steps.quantity or "displacement"
-    kinds = sorted(families(scene), key=lambda family: family.order)
+    kinds = sorted(converging(scene), key=lambda family: family.order)
     pilots = Pilots(scene, kinds, quantity, tolerance=min(LOOSEST, asked / 100), small_strain=SMALL_STRAIN * asked,
                     balanced=balanced)
     loose = math.nan
@@ -82,6 +84,15 @@ def choose(scene: Scene, most: int = MOST_NODES, *, balanced: bool = False) -> C
     best, other = climbed([Climb(kind, pilots, MESH * asked, most, kind.base) for kind in kinds], begun)
     chosen = best.family.scene_with(best.sizes)
     return Choice(chosen, best.pilot.mesh, best, pilots.tolerance, pilots.small_strain, loose, pilots, asked, quantity, other)
+
+
+def converging(scene: Scene) -> list[MeshFamily]:
+    """The families of a scene's meshes. Raises `InputError` where finer ones lead nowhere."""
+    kinds = families(scene)
+    if scene.obstacles and (deep := through_held(scene, kinds[0].rung(kinds[0].base)[1])):
+        raise InputError(f"obstacle: passes through points that are held, by up to {deep:.3g} m: {WITHOUT_LIMIT}, and no mesh keeps an "
+                         "error; end its path before them, or hold less of the body")
+    return kinds
 
 
 def climbed(climbs: list[Climb], begun: Callable[[Climb], None] = lambda climb: None) -> tuple[Climb, Climb | None]:

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.accuracy.between import splines
-from physics.accuracy.choose import LOOSE, LOOSEST, MOST_NODES, climbed, tightened
+from physics.accuracy.choose import LOOSE, LOOSEST, MOST_NODES, climbed, converging, tightened
 from physics.accuracy.climb import Climb
 from physics.accuracy.estimate import FIRST, ErrorEstimate, distance, estimate
-from physics.accuracy.meshes.ladder import MeshFamily, Sizes, families
+from physics.accuracy.meshes.ladder import MeshFamily, Sizes
 from physics.accuracy.pilot import Pilot, Pilots
 from physics.accuracy.table import Verdict, row, rows_of_mesh
 from physics.equilibrium.state import NoEquilibrium
@@ -97,7 +97,7 @@ def choose_motion(scene: Scene, most: int = MOST_NODES) -> ChosenMotion:
     """
     assert scene.steps.error is not None
     asked, quantity = scene.steps.error, scene.steps.quantity or "displacement"
-    kinds = sorted(families(scene), key=lambda family: family.order)
+    kinds = sorted(converging(scene), key=lambda family: family.order)
     motions = Motions(scene, kinds, quantity, min(LOOSEST, asked / 100), FEWEST)
     stepped, enough, motions.count = in_time(motions, kinds[-1], TIME * asked, ROUGH * asked)
     loose = [0.0]
