@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 TIME, MESH = 0.35, 0.5  # shares of the error asked
 ROUGH = 2.0  # times the error asked time may make where meshes are compared
-FEWEST, MOST = 16, 50_000  # steps of time
+FEWEST, MOST = 16, 20_000  # steps of time
 MORE = 1.5  # times as many steps at least are tried next
 COMPARED = 60  # frames, at most
 TAUGHT = 6  # frames that tell a drawing where its cells should be small
