@@ -50,8 +50,8 @@ def _truth(scene: Scene) -> tuple[Motions, Floats, float]:
     kinds = sorted(families(scene), key=lambda family: family.order)
     motions = Motions(scene, kinds, "displacement", 1e-6, TRUE_STEPS)
     values = motions(kinds[-1], TRUTH).values
-    coarser = motions.moved(kinds[-1], tuple(max(2, 2 * n // 3) for n in TRUTH), TRUE_STEPS)[0].values
-    fewer = motions.moved(kinds[-1], TRUTH, TRUE_STEPS // 2)[0].values
+    coarser = motions.moved(kinds[-1], tuple(max(2, 2 * n // 3) for n in TRUTH), TRUE_STEPS).values
+    fewer = motions.moved(kinds[-1], TRUTH, TRUE_STEPS // 2).values
     return motions, values, distance(coarser, values, motions.weights) / 1.5 + distance(fewer, values, motions.weights) / 2
 
 

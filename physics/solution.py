@@ -96,7 +96,7 @@ class Solution:
 def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], None] | None = None,
           journal: str | Path | None = None, tolerance: float = TOLERANCE, method: str | None = None,
           spread: bool = False, final: bool = False, partial: bool = False, small_strain: float = LINEAR_TOLERANCE,
-          snaps: bool = True, look: bool = True, ahead: Sequence[State] = ()) -> Solution:
+          snaps: bool = True, look: bool = True, ahead: Sequence[State] = (), substeps: int = 1) -> Solution:
     """Follow the path of a scene from rest through all of its steps: through equilibria, or through time when the scene says so.
 
     Args:
@@ -114,6 +114,7 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
         partial: give what was reached of a path that cannot be followed to its end, and why in `failure`, in place of raising
         look: whether to look for folds of the body and cells inside out, which `of_path` does
         ahead: states on this mesh that are known already, in their order: steps begin between them and the last ones. Not with a journal
+        substeps: of time for each step of a body in motion
 
     Returns:
         the path; the last row of each array is its end
@@ -127,16 +128,25 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     if final:
         return _final(scene, mesh=mesh, on_step=on_step, journal=journal, tolerance=tolerance, method=method, spread=spread,
                       partial=partial, small_strain=small_strain, snaps=snaps, look=look)
+    if substeps > 1 and not scene.steps.dynamic:
+        raise InputError("substeps: of a body in motion; a step of equilibrium is halved where it has to be")
     started, processor = time.perf_counter(), time.process_time()
     mesh = of_order(mesh or build_mesh(scene.body), scene.body)
     path = _way(scene, mesh, tolerance, method, spread, small_strain, snaps, ahead)
     set_up = time.process_time() - processor
     limits = f" to {tolerance}" * (tolerance != TOLERANCE) + f" linear to {small_strain}" * (small_strain != LINEAR_TOLERANCE)
+    limits += f" in {substeps} substeps" * (substeps != 1)
 
     def go(step: int) -> dict[str, Any]:
-        if step:
-            path.advance(step / scene.steps.count)
-        return path.frame()
+        if not step or substeps == 1:
+            if step:
+                path.advance(step / scene.steps.count)
+            return path.frame()
+        parts = []
+        for part in range(1, substeps + 1):
+            path.advance((step - 1 + part / substeps) / scene.steps.count)
+            parts.append(path.frame())
+        return Motion.of_steps(parts)
 
     way = follow(scene.steps.count, go, path.memory, lambda arrays: path.recall(unflatten(path.Memory, arrays)),
                  failures=(NoEquilibrium,), path=journal, identity=identity(scene, mesh) + limits, started=started, on_step=on_step)

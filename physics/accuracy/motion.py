@@ -38,7 +38,10 @@ ROUGH = 2.0  # times the error asked time may make where meshes are compared
 FEWEST, MOST = 16, 20_000  # steps of time
 MORE = 1.5  # times as many steps at least are tried next
 COMPARED = 60  # frames, at most
+KEPT = 2  # motions of which all frames are kept
 TAUGHT = 6  # frames that tell a drawing where its cells should be small
+
+Key = tuple[int, Sizes, float, int]  # order of the cells, sizes, tolerance, steps of time
 
 
 @dataclass(frozen=True)
@@ -58,10 +61,11 @@ class Motions(Pilots):
         self.count, self.frames = steps, scene.steps.count
         self.compared = sorted({round(step) for step in np.linspace(1, self.frames, min(COMPARED, self.frames))})
         self.fractions = np.array(self.compared) / self.frames
-        self._moved: dict[tuple[int, Sizes, float, int], tuple[Pilot, Solution]] = {}
+        self._moved: dict[Key, Pilot] = {}
+        self._kept: dict[Key, Solution] = {}  # the last few
 
     def __call__(self, family: MeshFamily, sizes: Sizes, tolerance: float | None = None) -> Pilot:
-        return self.moved(family, sizes, self.count, tolerance)[0]
+        return self.moved(family, sizes, self.count, tolerance)
 
     def __len__(self) -> int:
         return len(self._moved)
@@ -70,23 +74,32 @@ class Motions(Pilots):
         return (family.order, sizes, self.tolerance, self.count) in self._moved
 
     def solved(self, order: int) -> list[tuple[Sizes, Pilot]]:
-        return [(sizes, pilot) for (one, sizes, tolerance, steps), (pilot, _) in self._moved.items()
+        return [(sizes, pilot) for (one, sizes, tolerance, steps), pilot in self._moved.items()
                 if (one, tolerance, steps) == (order, self.tolerance, self.count)]
 
-    def moved(self, family: MeshFamily, sizes: Sizes, steps: int, tolerance: float | None = None) -> tuple[Pilot, Solution]:
-        """The motion on a mesh in so many steps of time, as its frames. Raises `NoEquilibrium`."""
-        tolerance = tolerance or self.tolerance
-        key = family.order, sizes, tolerance, steps
+    def moved(self, family: MeshFamily, sizes: Sizes, steps: int, tolerance: float | None = None) -> Pilot:
+        """The motion on a mesh in so many steps of time. Raises `NoEquilibrium`."""
+        key = family.order, sizes, tolerance or self.tolerance, steps
         if key not in self._moved:
-            started = time.process_time()
-            scene, mesh = family.rung(sizes)
-            found = framed(_moved(scene, mesh, steps, tolerance), self.frames)
-            pilot = Pilot(mesh, self.of(scene, found, self.compared), found.displacement[:: max(1, self.frames // TAUGHT)][1:],
-                          time.process_time() - started)
-            self._moved[key] = pilot, found
-            self.seconds += pilot.seconds
-            family.learn(sizes, pilot.u)
+            self._solve(family, key)
         return self._moved[key]
+
+    def solution(self, family: MeshFamily, sizes: Sizes) -> Solution:
+        """All frames of a motion."""
+        key = family.order, sizes, self.tolerance, self.count
+        if key not in self._kept:
+            self._solve(family, key)
+        return self._kept[key]
+
+    def _solve(self, family: MeshFamily, key: Key) -> None:
+        started, (_, sizes, tolerance, steps) = time.process_time(), key
+        scene, mesh = family.rung(sizes)
+        found = _solved(scene, mesh, steps, tolerance)
+        some = found.displacement[:: max(1, self.frames // TAUGHT)][1:]
+        self._moved[key] = Pilot(mesh, self.of(scene, found, self.compared), some, time.process_time() - started)
+        self._kept = dict([*self._kept.items(), (key, found)][-KEPT:])
+        self.seconds += self._moved[key].seconds
+        family.learn(sizes, some)
 
 
 def choose_motion(scene: Scene, most: int = MOST_NODES) -> ChosenMotion:
@@ -110,8 +123,7 @@ def choose_motion(scene: Scene, most: int = MOST_NODES) -> ChosenMotion:
     motions.count = enough
     while True:
         coarser, ahead = beside(motions)
-        pilot, found = motions.moved(best.family, best.sizes, motions.count)
-        fewer = motions.moved(best.family, best.sizes, coarser)[0]
+        fewer, pilot = (motions.moved(best.family, best.sizes, steps) for steps in (coarser, motions.count))
         off = distance(fewer.values, pilot.values, motions.weights)
         ratio = (coarser / motions.count) ** stepped.order
         made = off * ratio / (1 - ratio)
@@ -132,6 +144,7 @@ def choose_motion(scene: Scene, most: int = MOST_NODES) -> ChosenMotion:
     remarks = ("the error does not fall regularly: the larger of two differences is taken",) * ("irregular" in (best.how, stepped.how))
     chosen = best.family.scene_with(best.sizes)
     said = f"{motions.count} of time for {motions.frames} frames"
+    found = motions.solution(best.family, best.sizes)
     found = of_path(chosen, replace(found, model=found.model | {"steps": said}, steps_of_time=motions.count, seconds=pilot.seconds))
     reached = best.reached and estimated <= asked
     return ChosenMotion(chosen, found, Verdict(asked, quantity, estimated, reached, tuple(rows), remarks))
@@ -139,29 +152,30 @@ def choose_motion(scene: Scene, most: int = MOST_NODES) -> ChosenMotion:
 
 def in_time(motions: Motions, family: MeshFamily, target: float, rough: float) -> tuple[ErrorEstimate, int, int]:
     """What is known of the error of time on the coarsest mesh of a family, and numbers of steps that keep a target and a rough one."""
+    fit = numbers(motions.frames)
+    motions.count = next(n for n in fit if n >= max(FEWEST, MORE * fit[0]))
     tried, differences = [motions.count], list[float]()
-    motions.count = tried[0] = next(n for n in numbers(motions.frames) if n >= FEWEST)
     while True:
         ahead = beside(motions)[1]
         if ahead > MOST:
             return ErrorEstimate(np.inf, FIRST[motions.quantity], "irregular"), motions.count, motions.count
-        before, after = (motions.moved(family, family.base, steps)[0] for steps in (motions.count, ahead))
+        before, after = (motions.moved(family, family.base, steps) for steps in (motions.count, ahead))
         differences.append(distance(before.values, after.values, motions.weights))
         tried.append(ahead)
         motions.count = ahead
         found = estimate(tried, differences, 2.0, motions.quantity)
         if found.error <= target:
             break
-    finest = motions.moved(family, family.base, tried[-1])[0]
-    off = [distance(motions.moved(family, family.base, steps)[0].values, finest.values, motions.weights) + found.error for steps in tried]
+    finest = motions.moved(family, family.base, tried[-1])
+    off = [distance(motions.moved(family, family.base, steps).values, finest.values, motions.weights) + found.error for steps in tried]
     enough, roughly = (next(steps for steps, each in zip(tried, off, strict=True) if each <= least) for least in (target, rough))
     return found, enough, roughly
 
 
 def beside(motions: Motions) -> tuple[int, int]:
     """The numbers of steps next to that of motions, MORE times fewer and more at least."""
-    fewer = max((n for n in numbers(motions.frames) if MORE * n <= motions.count), default=motions.count // 2)
-    return fewer, next(n for n in numbers(motions.frames) if n >= MORE * motions.count)
+    fit = numbers(motions.frames)
+    return max(n for n in fit if MORE * n <= motions.count), next(n for n in fit if n >= MORE * motions.count)
 
 
 def numbers(frames: int) -> list[int]:
@@ -171,14 +185,9 @@ def numbers(frames: int) -> list[int]:
 
 
 def framed(found: Solution, frames: int) -> Solution:
-    """The frames of a motion that was solved in fewer or in more steps of time."""
+    """The frames of a motion that was solved in fewer steps of time, a number that divides theirs."""
     steps = len(found.displacement) - 1
     rows = {name: value for name, value in vars(found).items() if isinstance(value, np.ndarray) and len(value) == steps + 1}
-    if steps >= frames:
-        many = steps // frames
-        parts = {name: np.concatenate([value[:1], whole(value[1:].reshape(frames, many, *value.shape[1:]))])
-                 for name, value in rows.items() for whole in (OF_STEPS.get(name, _last),)}
-        return replace(found, **parts)
     each = frames // steps
     to, passed = splines(np.arange(0, frames + 1, each), np.arange(frames + 1)), -(-np.arange(frames + 1) // each)
     led: dict[str, Any] = {name: np.tensordot(to, value, 1) for name, value in rows.items() if value.dtype == np.float64}
@@ -189,28 +198,11 @@ def framed(found: Solution, frames: int) -> Solution:
     return replace(found, **led, newton_iterations=iterations, knots=tuple(range(0, frames + 1, each)))
 
 
-def _last(parts: Floats) -> Floats:
-    return parts[:, -1]
-
-
-def _mean(parts: Floats) -> Floats:
-    return np.asarray(parts.mean(axis=1))
-
-
-def _sum(parts: Floats) -> Floats:
-    return np.asarray(parts.sum(axis=1))
-
-
-def _most(parts: Floats) -> Floats:
-    return np.asarray(parts.max(axis=1))
-
-
-# What a frame has of the steps (T, m, ...) that lead to it, if not what the last one has.
-OF_STEPS = {"reaction": _mean, "reactions": _mean, "newton_iterations": _sum, "released": _sum, "relative_residual": _most, "snap": _most}
-
-
-def _moved(scene: Scene, mesh: Mesh, steps: int, tolerance: float) -> Solution:
-    found = solve(replace(scene, steps=replace(scene.steps, count=steps)), mesh=mesh, tolerance=tolerance, partial=True, look=False)
+def _solved(scene: Scene, mesh: Mesh, steps: int, tolerance: float) -> Solution:
+    """The frames of a scene, solved in so many steps of time. Raises `NoEquilibrium`."""
+    frames = scene.steps.count
+    found = solve(replace(scene, steps=replace(scene.steps, count=min(frames, steps))), mesh=mesh, tolerance=tolerance,
+                  substeps=max(1, steps // frames), partial=True, look=False)
     if found.failure:
         raise NoEquilibrium(f"on {len(mesh.points)} nodes in {steps} steps of time: {found.failure}", found)
-    return found
+    return found if steps >= frames else framed(found, frames)

@@ -44,6 +44,8 @@ from physics.scene import Scene
 
 Floats = NDArray[np.float64]
 
+OF_STEPS: dict[str, Any] = {"reaction": np.mean, "reactions": np.mean, "newton_iterations": np.sum, "relative_residual": np.max,
+                            "penetration": np.max}
 STOP = 10  # steps in which the smallest force that matters would stop the body
 
 
@@ -214,6 +216,12 @@ class Motion:
             "kinetic_energy": self.kinetic_energy, "snap": 0.0, "released": 0.0,
             **state.of_each(len(self.balance.scene.obstacles))}
         return {name: np.asarray(value) for name, value in found.items()}
+
+    @staticmethod
+    def of_steps(parts: list[Arrays]) -> Arrays:
+        """What a frame has of the several steps that lead to it: the last state, the mean force, all the work."""
+        each = {name: np.array([part[name] for part in parts]) for name in parts[0]}
+        return {name: OF_STEPS[name](rows, axis=0) if name in OF_STEPS else rows[-1] for name, rows in each.items()}
 
     def memory(self) -> MotionMemory:
         """What `recall` takes."""
