@@ -5,7 +5,6 @@
     .venv/bin/python -m benchmarks.equilibrium --parts             each part of a step, and the machine's floor
     .venv/bin/python -m benchmarks.equilibrium --growth            1.5 k to 15 k nodes, on one thread and on two
     .venv/bin/python -m benchmarks.equilibrium --growth --large    60 k nodes as well
-    .venv/bin/python -m benchmarks.equilibrium --growth --largest  150 k nodes alone
 
 One process, one thread, the same BLAS for both. "Plain" is full Newton as a good program does it: forces and tangent assembled by
 dolfinx at every iteration, forms compiled with -O3 -march=native, every tangent factored by MUMPS's LDL^T in one matrix whose sparsity
@@ -35,7 +34,7 @@ from physics.solution import Solution, solve
 from tests.dolfinx_elasticity import DolfinxElasticity
 
 SOFTEN = 1000.0
-SIZES, STEPS, LARGEST = [(40, 5, 5), (58, 8, 8), (90, 12, 12), (143, 19, 19)], 400, (208, 26, 26)
+SIZES, STEPS = [(40, 5, 5), (58, 8, 8), (90, 12, 12), (143, 19, 19)], 400
 
 
 def ours(scene: Scene) -> Solution:
@@ -103,17 +102,16 @@ def versus(table: footing.Table, scene: Scene, repeats: int, steps: int) -> None
                    "factorisations a step": made})
 
 
-def growth(table: footing.Table, sizes: list[tuple[int, int, int]]) -> None:
+def growth(table: footing.Table, large: bool) -> None:
     """Each size and number of threads in a process of its own, whose peak memory is then its own as well."""
-    for cells in sizes:
+    for cells in SIZES if large else SIZES[:-1]:
         one, two = (footing.child(one_size, cells, threads) for threads in (1, 2))
         if one.pop("path") != two.pop("path"):
             raise SystemExit(f"{one['nodes']} nodes: two threads give another path than one")
         clock, shared = one.pop("by the clock"), two["by the clock"]
         table.add(one | {"by the clock [ms]": clock, "two threads [ms]": shared, "times as fast": f"{clock / shared:.2f}",
                          "their peak memory [MB]": two["peak memory [MB]"]})
-    if len(sizes) > 1:
-        table.fit("ms a step", "two threads [ms]", "peak memory [MB]", "their peak memory [MB]")
+    table.fit("ms a step", "two threads [ms]", "peak memory [MB]", "their peak memory [MB]")
 
 
 def one_size(cells: list[int], threads: int) -> dict:
@@ -179,13 +177,12 @@ def main() -> None:
     parser.add_argument("--parts", action="store_true")
     parser.add_argument("--growth", action="store_true")
     parser.add_argument("--large", action="store_true", help="60 k nodes as well")
-    parser.add_argument("--largest", action="store_true", help="150 k nodes alone")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--plain-steps", type=int, default=60, help="steps of the plain method (it is slow)")
     options = parser.parse_args()
     table = footing.Table()
     if options.growth:
-        growth(table, [LARGEST] if options.largest else SIZES if options.large else SIZES[:-1])
+        growth(table, options.large)
     elif options.parts:
         parts(table)
     else:

@@ -129,14 +129,14 @@ def test_what_is_tried_are_three_numberings(monkeypatch):
 def test_a_body_gets_a_band_a_dissection_or_multigrid_by_size(monkeypatch):
     body = elasticity()
     band = narrowest_order(body)[1]
-    assert cholesky.WIDEST_BAND == 200 and cholesky.MOST_NUMBERS == 750_000_000
+    assert cholesky.WIDEST_BAND == 200 and cholesky.MOST_NUMBERS == 500_000_000
     assert isinstance(solver_for(body), BandFactor) and f"a half-bandwidth of {band}, at most 200" in solver_for(body).name
     monkeypatch.setattr(cholesky, "WIDEST_BAND", band)
     assert isinstance(solver_for(body), BandFactor)
     monkeypatch.setattr(cholesky, "WIDEST_BAND", band - 1)
     found = solver_for(body)
     numbers = dissect(body.mesh.points, body.cells).numbers
-    assert isinstance(found, DissectionFactor) and f"{4e-9 * numbers:.2g} GB in single precision, at most 6 GB" in found.name
+    assert isinstance(found, DissectionFactor) and f"{4e-9 * numbers:.2g} GB in single precision, at most 4 GB" in found.name
     monkeypatch.setattr(cholesky, "MOST_NUMBERS", numbers)
     assert isinstance(solver_for(body), DissectionFactor)
     monkeypatch.setattr(cholesky, "MOST_NUMBERS", numbers - 1)

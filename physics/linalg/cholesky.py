@@ -36,7 +36,7 @@ from physics.mesh.cell import CELLS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-MOST_NUMBERS = 750_000_000  # in a factor: 6 GB, and 3 in single precision
+MOST_NUMBERS = 500_000_000  # in a factor: 4 GB
 WIDEST_BAND = 200  # past this nested dissection in single precision is faster: for beams of some 3 k nodes
 OPERATIONS = 30  # for each number of a factor that a Newton step has time for
 SHARED = 4_000_000  # numbers of a dissected factor from which on several threads share the work, where they are allowed: some 4 k nodes
