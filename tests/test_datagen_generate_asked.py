@@ -12,6 +12,7 @@ from datagen.files.solved import answers
 from datagen.files.trajectory import read_trajectory
 from datagen.sets import check, dataset, generate
 from datagen.sets.card import write_card
+from physics.accuracy import answer as answering
 from physics.accuracy.choose import choose
 from physics.mesh.build import build_mesh
 from physics.mesh.files import write_mesh
@@ -60,7 +61,7 @@ def made(family, tmp_path_factory):
     folder = tmp_path_factory.mktemp("asked")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generate, "on_this_machine", here)
-        patch.setattr(generate, "choose", lambda scene, **how: choose(scene, most=80 if scene == draw(family, 0, 1) else 2000, **how))
+        patch.setattr(answering, "choose", lambda scene, **how: choose(scene, most=80 if scene == draw(family, 0, 1) else 2000, **how))
         return folder, generate.generate(family, counts(family), folder, workers=1)
 
 

@@ -235,7 +235,8 @@ def solution(scene, **changes):
         ("energy", "penetration", "smallest_det_f", "newton_iterations", "relative_residual", "snap", "released"))}}
     return types.SimpleNamespace(**{
         "mesh": mesh, "displacement": np.arange(9.0 * nodes).reshape(3, nodes, 3) / 1024, "kinetic_energy": None, "model": {"law": "x"},
-        "seconds": 2.5, "linear_steps": 4, "factorisations": 5, "failure": "", "reactions": None, **rows, **changes})
+        "seconds": 2.5, "linear_steps": 4, "factorisations": 5, "failure": "", "reactions": None,
+        "steps_of_time": None, **rows, **changes})
 
 
 @pytest.fixture

@@ -243,3 +243,17 @@ def test_an_error_that_is_asked_replaces_the_mesh_and_its_table_is_printed_and_k
     made = read_trajectory(tmp_path / "t.vtkhdf")
     assert len(made.mesh.cells) == 2 and made.extra["accuracy"] == verdict.table() and "error" not in made.scene
     assert any(line.split() == ["cells", "along", "x", "2", "0.01"] for line in said) and said[-1] == "odd"
+
+
+def test_an_error_that_is_asked_of_a_motion_chooses_its_steps_of_time(tmp_path):
+    """A free body that falls: 16 steps are as good as any; its file has the frames that were asked for, and says what was solved."""
+    path = tmp_path / "s.toml"
+    falling = beam(body={"length": 0.06, "width": 0.02, "height": 0.02, "cells": [2, 1, 1]}, support=[],
+                   load=[{"acceleration": [0.0, 0.0, -9.81], "sudden": True}], steps={"count": 32, "duration": 0.2, "dynamic": True})
+    path.write_text(falling.to_toml())
+    options = argparse.Namespace(scene=path, out=tmp_path / "t.vtkhdf", csv=None, html=None, fields=None, set=[], error=0.1, quantity=None)
+    result = scene_verbs.simulate(options, say=lambda text: None, writable=writable)
+    assert result["accuracy"]["reached"] and result["steps"] == 32 and result["model"]["steps"] == "16 of time for 32 frames"
+    made = read_trajectory(tmp_path / "t.vtkhdf")
+    np.testing.assert_allclose(made.displacement[:, 0, 2], -9.81 / 2 * np.linspace(0, 0.2, 33) ** 2, atol=1e-6)
+    assert made.extra["accuracy"]["asked"] == 0.1 and made.extra["step_seconds"] == pytest.approx(0.2 / 32)
