@@ -200,7 +200,7 @@ def _checked(path: Path) -> tuple[str, dict[str, Path]]:
 def _script(path: Path, cut: Cut, around: int) -> str:
     """What gmsh does with a drawing when it is read: name its parts, take the sizes."""
     lines = [NAMES, "Mesh.SaveAll = 0; Mesh.SecondOrderLinear = 0; Mesh.HighOrderOptimize = 1;"]
-    size = f"General.BoundingBoxSize / {cut.parts}" if cut.parts else None if cut.size is None else repr(cut.size)
+    size = f"General.BoundingBoxSize / {cut.parts}" if cut.parts else None if cut.size is None else repr(float(cut.size))
     if cut.near is None and size is not None:
         lines += [f"h = {size}; Mesh.MeshSizeMax = h; Mesh.MeshSizeFromPoints = 0; Mesh.MeshSizeFromCurvature = {around};",
                   "Background Field = -1;",
