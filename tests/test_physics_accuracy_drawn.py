@@ -10,6 +10,7 @@ from physics.accuracy.estimate import distance
 from physics.accuracy.frequency import choose_modes
 from physics.accuracy.meshes.drawn import Drawing, proportions
 from physics.accuracy.meshes.ladder import families
+from physics.accuracy.pilot import Pilots
 from physics.body.stress import stress_jumps
 from physics.mesh.build import build_mesh
 from physics.mesh.formats.drawing import Cut
@@ -18,6 +19,7 @@ from physics.mesh.second import second_order
 from physics.mesh.shapes.boxes import box, rectangle
 from physics.modes.elastic import elastic_modes
 from physics.scene import Body, Material
+from physics.solution import solve
 from tests.scenes import beam
 from tests.test_physics_mesh_drawing import BRACKET, CORNER, NAMED, drawing
 
@@ -146,3 +148,26 @@ def test_meshes_are_compared_that_have_other_chords_of_a_curved_side(tmp_path):
                 support=[{"where": {"box": [[-1.0, -1.0, -1.0], [-0.015, 1.0, 1.0]]}}], load=[{"acceleration": [0.0, 0.0, -9.81]}],
                 steps={"count": 1, "error": 0.3})
     assert choose(bent).climb.reached
+
+
+@pytest.mark.slow
+def test_a_graded_bracket_is_closer_than_an_even_one_on_as_many_nodes(tmp_path):
+    """Second order, small strain, against 13 800 graded nodes; both families begin with the same even mesh."""
+    scene = beam(body={"shape": "file", "path": str(drawing(tmp_path, BRACKET)), "scale": 1e-3}, material={
+        "law": "linear", "young_modulus": 2e9, "poisson_ratio": 0.3}, support=[{"where": "surface-1"}],
+        load=[{"where": "surface-8", "traction": [0.0, 0.0, -5e4]}], steps={"count": 1, "error": 0.03})
+    graded, even = families(scene)[0], families(scene)[0]
+    pilots = Pilots(scene, [graded], "displacement", tolerance=1e-6, small_strain=0.0)
+
+    def found(family, n, teach):
+        shown, mesh = family.rung((n,))
+        solution = solve(shown, mesh=mesh)
+        if teach:
+            family.learn((n,), solution.displacement[-1:])
+        return len(mesh.points), pilots.of(shown, solution, [1])
+
+    truth = [found(graded, n, True) for n in (6, 9, 12, 20)]
+    plain = found(even, 20, False)
+    nodes, close = truth[2]
+    off, other = (distance(values, truth[-1][1], pilots.weights) for values in (close, plain[1]))
+    assert nodes < plain[0] and 1.5 * off < other
