@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from physics.flow.solution import solve_flow
 from physics.mesh.build import build_mesh
 from physics.mesh.files import read_mesh
 from physics.mesh.formats.drawing import Cut
 from physics.mesh.quality import cell_volumes
 from physics.mesh.second import second_order
-from physics.scene import Body
+from physics.scene import Body, read_any
 from physics.schema import InputError
 from tests.scenes import beam
 
@@ -269,3 +270,16 @@ def test_sizes_near_points_are_followed(tmp_path):
     size = (4 / 3**0.5 * cell_volumes(mesh.points, mesh.cells, "triangle")) ** 0.5
     x = mesh.points[mesh.cells].mean(axis=1)[:, 0]
     assert 0.8 < np.median(size[x < 0.1]) / 0.095 < 1.2 and 0.8 < np.median(size[x > 0.9]) / 0.024 < 1.2
+
+
+def test_a_plane_drawing_is_a_domain_of_flow(tmp_path):
+    """Schäfer and Turek's benchmark 2D-1, the channel cut off at 1 m: a drag coefficient of 5.5795 (Nabh 1998)."""
+    channel = """SetFactory("OpenCASCADE");
+Rectangle(1) = {0, 0, 0, 1, 0.41}; Disk(2) = {0.2, 0.2, 0, 0.05};
+BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
+"""
+    scene = read_any({"body": {"shape": "file", "path": str(drawing(tmp_path, channel)), "cell_size": 0.02},
+                      "fluid": {"density": 1.0, "viscosity": 1e-3}, "inflow": [{"where": "curve-2", "profile": "parabola", "speed": 0.3}],
+                      "outflow": [{"where": "curve-3"}], "force": {"where": "curve-5", "speed": 0.2, "length": 0.1},
+                      "steps": {"stationary": True}})
+    assert solve_flow(scene).coefficients("drag")[-1] == pytest.approx(5.5795, rel=5e-3)
