@@ -1,5 +1,6 @@
 """An error asked of a drawing: cells are put where a solution says that they are needed, and the error asked is kept."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,8 @@ from physics.scene import Body, Material
 from physics.solution import solve
 from tests.scenes import beam
 from tests.test_physics_mesh_drawing import BRACKET, CORNER, NAMED, drawing
+
+pytestmark = pytest.mark.skipif(shutil.which("gmsh") is None, reason="gmsh is not installed")
 
 TORUS = 'SetFactory("OpenCASCADE"); Torus(1) = {0, 0, 0, 20, 5};'  # its cells are as small as its curvature asks, coarse ones too
 LINEAR = Material(law="linear", young_modulus=1e6, poisson_ratio=0.3)

@@ -1,6 +1,7 @@
 """Drawings that gmsh cuts into cells: volumes and units from their dimensions, names of their parts, and what a script may not do."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -19,6 +20,8 @@ from physics.mesh.second import second_order
 from physics.scene import Body, read_any
 from physics.schema import InputError
 from tests.scenes import beam
+
+pytestmark = pytest.mark.skipif(shutil.which("gmsh") is None, reason="gmsh is not installed")
 
 # An L of 80 x 60 x 20, 10 thick, with a hole of radius 5 through its foot: 16 000 + 10 000 - 250 pi.
 BRACKET = """SetFactory("OpenCASCADE");
