@@ -37,6 +37,7 @@ def motions(scene, steps=FEWEST):
 
 def test_steps_fit_the_frames():
     assert numbers(20)[:8] == [2, 4, 5, 10, 20, 40, 80, 160] and numbers(1)[:3] == [1, 2, 4] and max(numbers(7)) > 50_000
+    assert all(numbers(frames)[-1] >= 1.5 * n for frames in (20_011, 999_983) for n in numbers(frames)[:2])  # primes: also beside 2 a frame
     found, _ = motions(moving(count=20), 10)
     assert beside(found) == (5, 20)
     found.count = 20
@@ -82,6 +83,13 @@ def test_a_body_that_falls_needs_the_fewest_steps_and_falls_as_galileo_says():
     np.testing.assert_allclose(found.solution.displacement[:, :, 2], fallen[:, None] * np.ones(len(found.solution.mesh.points)), atol=1e-6)
     assert found.verdict.reached and found.verdict.estimated < 1e-5 and found.scene.steps.error is None
     assert found.solution.model["steps"] == "16 of time for 80 frames" and len(found.solution.displacement) == 81
+
+
+def test_a_body_that_falls_has_no_stress():
+    """What rounding makes of it falls with no number of steps or cells."""
+    scene = moving(count=20, load=[{"acceleration": [0.0, 0.0, -9.81], "sudden": True}])
+    found = choose_motion(replace(scene, steps=replace(scene.steps, quantity="stress")), most=300)
+    assert found.verdict.reached and found.verdict.estimated == 0.0 and found.solution.steps_of_time == 20
 
 
 def test_what_time_makes_of_the_error_is_what_sixteen_times_as_many_steps_say():

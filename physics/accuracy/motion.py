@@ -181,7 +181,7 @@ def beside(motions: Motions) -> tuple[int, int]:
 def numbers(frames: int) -> list[int]:
     """Of steps with which every frame is reached, or every step a frame, rising beyond MOST."""
     few = [n for n in range(2, frames) if frames % n == 0]
-    return few + [frames * 2**k for k in range(2 + max(0, int(np.log2(MOST / frames) + 1)))]
+    return few + [frames * 2**k for k in range(3 + max(0, int(np.log2(MOST / frames) + 1)))]
 
 
 def framed(found: Solution, frames: int) -> Solution:

@@ -38,6 +38,7 @@ HALF = 0.6  # of the last displacement: the other pose on a path that goes one w
 # Cells of boxes among which one holds a point.
 EVEN = {"hexahedron": 1, "hexahedron27": 1, "quadrilateral": 1, "quadrilateral9": 1, "triangle": 6, "triangle6": 6}
 FEW = 4  # nearest cells among which one mostly holds a point
+STRAIN = 1e-12  # of the largest displacement over the body's extent: below it stress is of rounding, as of a body that only moves
 HALVED = 3  # times the way between two poses under an obstacle may be, where another mesh's answer leads nowhere
 # By dimension a step costs as much as (nodes + IDLE)^POWER: what it takes on no nodes at all, and how that grows; with cells of second
 # order SECOND times as much; and a pose of a pilot as much as POSE steps, of which those of a plane body are short.
@@ -216,8 +217,10 @@ def turns(scene: Scene) -> list[float]:
 
 
 def _stress(scene: Scene, mesh: Mesh, u: Floats, linear: list[bool]) -> Any:
-    """(K, N) von Mises stress at the nodes, by the law that each pose was solved with."""
+    """(K, N) von Mises stress at the nodes, by the law that each pose was solved with; 0 where it is of rounding."""
     at_nodes = recovery(mesh, scene.material)
     small = scene.under("linear").material
-    return np.array([von_mises_of(nodal_stress(mesh, one, small if how else scene.material, at_nodes))
-                     for one, how in zip(u, linear, strict=True)])
+    found = np.array([von_mises_of(nodal_stress(mesh, one, small if how else scene.material, at_nodes))
+                      for one, how in zip(u, linear, strict=True)])
+    least = STRAIN * scene.stiffest * abs(u).max(axis=(1, 2)) / float(mesh.extent.max())
+    return np.where(found > least[:, None], found, 0.0)

@@ -134,7 +134,7 @@ class Steps:
     what is held.
 
     `error` asks for a solution that is off by at most so much, in a relative norm of the `quantity` over the body and all frames; the
-    program then chooses mesh and order of the cells (accuracy/). It is for solids through equilibria.
+    program then chooses mesh and order of the cells, and of a body in motion the steps of time (accuracy/). It is for solids.
 
     count: how many
     duration: of all of them
