@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 FEWEST = 4  # steps
 WITHOUT_LIMIT = "forces beside them grow without limit as cells get smaller"
 SEEN = "snaps", "folds", "inside out", "held"  # words of the model on what a path shows
-LOOKS, TOUCHED = 40, 1e-6  # fractions of the loading at which held points are looked at; of the body's size they may be passed by
+LOOKS, TOUCHED = 40, 1e-4  # fractions of the loading at which held points are looked at; of the body's size they may be passed by
 
 
 @dataclass(frozen=True, kw_only=True)

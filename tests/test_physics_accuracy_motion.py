@@ -137,3 +137,14 @@ def test_a_motion_that_cannot_be_followed_says_so(monkeypatch):
     monkeypatch.setattr("physics.accuracy.motion.solve", lost)
     with pytest.raises(NoEquilibrium, match=r"in 20 steps of time: no motion at step 3: lost"):
         choose_motion(swinging())
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("load", [{"sudden": True}, {}, {"steps": [0.0, 0.5, 1.0], "factor": [0.0, 1.0, 1.0]}])
+def test_all_nodes_of_a_free_body_of_second_order_fall_alike(cell, load):
+    plane = cell in ("triangle", "quadrilateral")
+    sides = {"shape": "plate", "length": 0.06, "width": 0.02, "cells": [4, 2]} if plane else SIDES | {"cells": [3, 2, 1]}
+    scene = moving(body=sides | {"cell": cell, "order": 2}, load=[{"acceleration": [0.0, -9.81, 0.0], **load}],
+                   steps={"count": 5, "duration": 0.2, "dynamic": True})
+    fallen = solve(scene).displacement[-1]
+    assert abs(fallen - fallen.mean(axis=0)).max() < 1e-7 * abs(fallen).max() and fallen[:, 1].max() < -0.04

@@ -158,7 +158,8 @@ def in_time(motions: Motions, family: MeshFamily, target: float, rough: float) -
     while True:
         ahead = beside(motions)[1]
         if ahead > MOST:
-            return ErrorEstimate(np.inf, FIRST[motions.quantity], "irregular"), motions.count, motions.count
+            few = tried[len(tried) // 2]  # nothing will be promised: no more is spent on it
+            return ErrorEstimate(np.inf, FIRST[motions.quantity], "irregular"), few, few
         before, after = (motions.moved(family, family.base, steps) for steps in (motions.count, ahead))
         differences.append(distance(before.values, after.values, motions.weights))
         tried.append(ahead)

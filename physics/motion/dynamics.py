@@ -40,7 +40,7 @@ from physics.journal import Arrays
 from physics.mesh.cell import GAUSS
 from physics.mesh.mesh import Mesh
 from physics.motion.impact import Sweeping, bear
-from physics.scene import Scene
+from physics.scene import Load, Scene
 
 Floats = NDArray[np.float64]
 
@@ -98,14 +98,20 @@ class Motion:
         rest = Balance(scene, mesh)
         assert scene.steps.duration is not None
         self.duration, self.body, self.fixed = scene.steps.duration, rest.body, rest.fixed
+        self.balance = copy.copy(rest)
+        self.balance.elasticity = self.moving = Moving(rest.body)
         self.sudden = traction_load(replace(scene, load=tuple(load for load in scene.load if load.sudden)), mesh)  # (N, 3) [N]
         for load in scene.load:
             if load.sudden and load.acceleration is not None:
                 self.sudden = self.sudden + self.body.weight(np.array(load.acceleration))
         self.growing = rest.load - self.sudden
-        self.balance = copy.copy(rest)
-        self.balance.elasticity = self.moving = Moving(rest.body)
-        self.tabled, self.balance.tabled = rest.tabled, []
+        for load in scene.load:
+            if load.sudden:
+                self.sudden = self.sudden + self._evened(load)
+            elif load.steps is None:
+                self.growing = self.growing + self._evened(load)
+        self.tabled = [(load, force + self._evened(load)) for load, force in rest.tabled]
+        self.balance.tabled = []
         self.balance.load = np.zeros_like(rest.load)  # the loads are among the forces of the step
         self.balance.contact = None if rest.contact is None else Sweeping(rest.contact)
         self.newton = Newton(self.balance, tolerance=tolerance)
@@ -117,6 +123,13 @@ class Motion:
         self._floor = rest.floor
         acting = (self.sudden, self.growing, *(force for _, force in self.tabled))
         self._largest = max(float(np.linalg.norm(load)) for load in acting)  # [N] force so far, or to come
+
+    def _evened(self, load: Load) -> Floats:
+        """What a load (N, 3) [N] lacks for free nodes of these masses to fall alike: of second order a weight is shared out otherwise."""
+        if load.acceleration is None:
+            return np.zeros_like(self.balance.mesh.points)
+        acceleration = np.array(load.acceleration)
+        return np.asarray(self.moving.node_mass * acceleration - self.body.weight(acceleration))
 
     def advance(self, fraction: float, depth: int = 0) -> State:
         """The state at a later fraction of the duration, in several steps of time where one is too long. Raises `NoEquilibrium`."""
