@@ -138,15 +138,11 @@ def solve(scene: Scene, *, mesh: Mesh | None = None, on_step: Callable[[int], No
     limits += f" in {substeps} substeps" * (substeps != 1)
 
     def go(step: int) -> dict[str, Any]:
-        if not step or substeps == 1:
-            if step:
-                path.advance(step / scene.steps.count)
-            return path.frame()
-        parts = []
-        for part in range(1, substeps + 1):
-            path.advance((step - 1 + part / substeps) / scene.steps.count)
-            parts.append(path.frame())
-        return Motion.of_steps(parts)
+        if step and isinstance(path, Motion) and substeps > 1:
+            return path.frame_after((step - 1 + part / substeps) / scene.steps.count for part in range(1, substeps + 1))
+        if step:
+            path.advance(step / scene.steps.count)
+        return path.frame()
 
     way = follow(scene.steps.count, go, path.memory, lambda arrays: path.recall(unflatten(path.Memory, arrays)),
                  failures=(NoEquilibrium,), path=journal, identity=identity(scene, mesh) + limits, started=started, on_step=on_step)

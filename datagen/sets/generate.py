@@ -104,8 +104,8 @@ def trajectory_of(scene: Any, *, solution: Solution | None = None, seed: int = 0
     shapes = np.pad(modes.pictured[first], ((0, 0), (0, len(points) - nodes), (0, 0)))
     moving = {} if solution.kinetic_energy is None else {"kinetic_energy": solution.kinetic_energy}
     extra = {"model": solution.model | {"inertia": inertia(scene, float(modes.frequencies_hz[0]), solution.steps_of_time)},
-             "seconds": solution.seconds,
-             "linear_steps": solution.linear_steps, "factorisations": solution.factorisations, "failure": solution.failure} | accuracy
+             "seconds": solution.seconds, "linear_steps": solution.linear_steps, "factorisations": solution.factorisations,
+             "failure": solution.failure} | accuracy
     if from_file:
         extra["mesh_file"] = mesh_file(scene)
     if scene.steps.dynamic and scene.steps.duration is not None:

@@ -74,14 +74,7 @@ def choose(scene: Scene, most: int = MOST_NODES, *, balanced: bool = False) -> C
     kinds = sorted(converging(scene), key=lambda family: family.order)
     pilots = Pilots(scene, kinds, quantity, tolerance=min(LOOSEST, asked / 100), small_strain=SMALL_STRAIN * asked,
                     balanced=balanced)
-    loose = math.nan
-
-    def begun(climb: Climb) -> None:
-        nonlocal loose
-        if math.isnan(loose):
-            loose = tightened(pilots, climb, LOOSE * asked)
-
-    best, other = climbed([Climb(kind, pilots, MESH * asked, most, kind.base) for kind in kinds], begun)
+    best, other, loose = sought(kinds, pilots, MESH * asked, LOOSE * asked, most)
     chosen = best.family.scene_with(best.sizes)
     return Choice(chosen, best.pilot.mesh, best, pilots.tolerance, pilots.small_strain, loose, pilots, asked, quantity, other)
 
@@ -93,6 +86,18 @@ def converging(scene: Scene) -> list[MeshFamily]:
         raise InputError(f"obstacle: passes through points that are held, by up to {deep:.3g} m: {WITHOUT_LIMIT}, and no mesh keeps an "
                          "error; end its path before them, or hold less of the body")
     return kinds
+
+
+def sought(kinds: list[MeshFamily], pilots: Pilots, target: float, allowed: float, most: int) -> tuple[Climb, Climb | None, float]:
+    """As `climbed` for an error of the mesh, with a tolerance that makes less than is allowed, and what it makes."""
+    loose = math.nan
+
+    def begun(climb: Climb) -> None:
+        nonlocal loose
+        if math.isnan(loose):
+            loose = _tightened(pilots, climb, allowed)
+
+    return *climbed([Climb(kind, pilots, target, most, kind.base) for kind in kinds], begun), loose
 
 
 def climbed(climbs: list[Climb], begun: Callable[[Climb], None] = lambda climb: None) -> tuple[Climb, Climb | None]:
@@ -120,7 +125,7 @@ def climbed(climbs: list[Climb], begun: Callable[[Climb], None] = lambda climb: 
     return best, next((climb for climb in solved if climb is not best), None)
 
 
-def tightened(pilots: Pilots, climb: Climb, allowed: float) -> float:
+def _tightened(pilots: Pilots, climb: Climb, allowed: float) -> float:
     """Lower the tolerance until it makes less of the error than is allowed, seen on the coarsest mesh; what it makes."""
     family, sizes = climb.family, climb.ladder[0][0]
     while True:

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physics.accuracy.between import splines
-from physics.accuracy.choose import LOOSE, LOOSEST, MOST_NODES, climbed, converging, tightened
-from physics.accuracy.climb import Climb
+from physics.accuracy.choose import LOOSE, LOOSEST, MOST_NODES, converging, sought
 from physics.accuracy.estimate import FIRST, ErrorEstimate, distance, estimate
 from physics.accuracy.meshes.ladder import MeshFamily, Sizes
 from physics.accuracy.pilot import Pilot, Pilots
@@ -113,13 +112,7 @@ def choose_motion(scene: Scene, most: int = MOST_NODES) -> ChosenMotion:
     kinds = sorted(converging(scene), key=lambda family: family.order)
     motions = Motions(scene, kinds, quantity, min(LOOSEST, asked / 100), FEWEST)
     stepped, enough, motions.count = in_time(motions, kinds[-1], TIME * asked, ROUGH * asked)
-    loose = [0.0]
-
-    def begun(climb: Climb) -> None:
-        if not loose[0]:
-            loose[0] = tightened(motions, climb, LOOSE * asked)
-
-    best, other = climbed([Climb(kind, motions, MESH * asked, most, kind.base) for kind in kinds], begun)
+    best, other, loose = sought(kinds, motions, MESH * asked, LOOSE * asked, most)
     motions.count = enough
     while True:
         coarser, ahead = beside(motions)
@@ -127,14 +120,14 @@ def choose_motion(scene: Scene, most: int = MOST_NODES) -> ChosenMotion:
         off = distance(fewer.values, pilot.values, motions.weights)
         ratio = (coarser / motions.count) ** stepped.order
         made = off * ratio / (1 - ratio)
-        estimated = best.error + made + loose[0]
+        estimated = best.error + made + loose
         if estimated <= asked or made <= TIME * asked or ahead > MOST:
             break
         motions.count = ahead
     motion = f"{motions.count} for {motions.frames} frames, held against {coarser}; error falls as h^{stepped.order:.2g} ({stepped.how})"
     rows = [*rows_of_mesh(best),
             row("kinematics", "the linear law, as asked" if scene.linear else "finite strain", 0.0),
-            row("tolerance", f"{motions.tolerance:.0e} of the reaction", loose[0]),
+            row("tolerance", f"{motions.tolerance:.0e} of the reaction", loose),
             row("steps of time", motion, made),
             row("the whole scene", f"{best.family.said(best.sizes)}; {best.said}", estimated, pilot.seconds)]
     if other is not None:

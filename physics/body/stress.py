@@ -152,26 +152,27 @@ def nodal_stress(mesh: Mesh, displacement: ArrayLike, material: Materials, at_no
     at_nodes: `recovery` of the mesh, where it is at hand
     """
     at_nodes = recovery(mesh, material) if at_nodes is None else at_nodes
-    if CELLS[mesh.cell].middles:
-        gradients = CELLS[mesh.cell].shapes(_best(mesh.cell))[1]
-        sigma = np.concatenate([_cauchy(mesh, deformation(mesh, displacement, each), material) for each in gradients])
-    else:
-        sigma = cauchy(mesh, displacement, material)
-    return np.asarray(at_nodes @ sigma.reshape(-1, 9)).reshape(-1, 3, 3)
+    return np.asarray(at_nodes @ _sampled(mesh, displacement, material).reshape(-1, 9)).reshape(-1, 3, 3)
+
+
+def _sampled(mesh: Mesh, displacement: ArrayLike, material: Materials) -> Floats:
+    """(P, C, 3, 3) Cauchy stress [Pa] where it is best known in each cell: of first order at its centre."""
+    if not CELLS[mesh.cell].middles:
+        return cauchy(mesh, displacement, material)[None]
+    gradients = CELLS[mesh.cell].shapes(_best(mesh.cell))[1]
+    return np.array([_cauchy(mesh, deformation(mesh, displacement, each), material) for each in gradients])
 
 
 def stress_jumps(mesh: Mesh, displacement: ArrayLike, material: Materials) -> Floats:
     """(C,) how far the Cauchy stress of each cell is at its corners from that of the nodes there [Pa], as a root of the mean square."""
-    cell = CELLS[mesh.cell]
-    first = CELLS[cell.first] if cell.middles else cell
-    corners = mesh.cells[:, :cell.corners]
-    there = nodal_stress(mesh, displacement, material)[corners]  # (C, k, 3, 3)
+    cell, own = CELLS[mesh.cell], _sampled(mesh, displacement, material)
+    at_nodes = np.asarray(recovery(mesh, material) @ own.reshape(-1, 9)).reshape(-1, 3, 3)
+    there = at_nodes[mesh.cells[:, :cell.corners]]  # (C, k, 3, 3)
+    here = own[0][:, None]
     if cell.middles:
-        own = np.array([_cauchy(mesh, deformation(mesh, displacement, each), material) for each in cell.shapes(_best(mesh.cell))[1]])
+        first = CELLS[cell.first]
         share = first.shapes(CORNERS[first.name])[0] @ np.linalg.inv(first.shapes(_best(mesh.cell))[0])  # (k, P)
         here = np.einsum("kp,pcij->ckij", share, own)
-    else:
-        here = cauchy(mesh, displacement, material)[:, None]
     return np.asarray(np.sqrt(((there - here) ** 2).sum(axis=(2, 3)).mean(axis=1)))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -75,8 +76,8 @@ class Balance:
         self.pressed = Pressed(mesh, scene.material, self.fixed, scene.body.element, following) if following else None
         self.body = self.pressed or Elasticity(mesh, scene.material, self.fixed, scene.body.element)
         self.elasticity: Elasticity | Lumped = self.body
-        self.load = self._full([load for load in scene.load if not scheduled(load)])
-        self.tabled = [(load, self._full([load])) for load in scene.load if scheduled(load) and not load.follower]
+        self.load = self.full([load for load in scene.load if not scheduled(load)], self.body.weight)
+        self.tabled = [(load, self.full([load], self.body.weight)) for load in scene.load if scheduled(load) and not load.follower]
         self.contact = contact_of(scene.obstacles, mesh, self.fixed.all(axis=1), CONTACT_STIFFNESS * self._moduli() / self.size)
         # eps E h L: strains come from differences of positions that differ by up to the largest extent L.
         self.floor = 1e3 * float(np.finfo(float).eps) * scene.stiffest * self.size * float(np.ptp(mesh.points))
@@ -91,12 +92,12 @@ class Balance:
         of_cells = np.repeat(young, self.mesh.cells.shape[1])
         return np.bincount(nodes, of_cells, count) / np.maximum(np.bincount(nodes, minlength=count), 1)
 
-    def _full(self, loads: list[Load]) -> Floats:
-        """(N, 3) [N] some dead loads in full."""
+    def full(self, loads: list[Load], weight: Callable[[Floats], Floats]) -> Floats:
+        """(N, 3) [N] some dead loads in full. Args: weight: nodal forces (N, 3) [N] of an acceleration (3,)"""
         force = traction_load(replace(self.scene, load=tuple(loads)), self.mesh)
         for load in loads:
             if load.acceleration is not None:
-                force += self.body.weight(np.array(load.acceleration))
+                force += weight(np.array(load.acceleration))
         return force
 
     @property

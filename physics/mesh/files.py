@@ -22,7 +22,7 @@ from physics.mesh.places import called
 from physics.mesh.sound.cells import by_shape, once, upright
 from physics.mesh.sound.curved import curved
 from physics.mesh.sound.fit import fitting
-from physics.scene import DRAWINGS
+from physics.scene import is_drawing
 from physics.schema import InputError, missing
 from physics.whole import written_whole
 
@@ -62,7 +62,7 @@ def read_mesh(path: str | Path, *, order: int = 1, scale: float | None = None, c
             cells that are none or do not fit together (sound/), or prisms where `order` is 2
     """
     try:
-        if Path(path).suffix.lower() in DRAWINGS:
+        if is_drawing(str(path)):
             raw = drawing.read(Path(path), (cut or Cut()).scaled(scale or 1.0), order)
         else:
             raw = _read(Path(path))

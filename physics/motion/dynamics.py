@@ -23,6 +23,7 @@ Legend: N nodes, Q contact points.
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,8 +32,7 @@ from numpy.typing import NDArray
 
 from physics.body.elasticity import Elasticity
 from physics.body.lumped import Lumped, node_masses
-from physics.body.schedule import share
-from physics.body.supports import traction_load
+from physics.body.schedule import scheduled, share
 from physics.equilibrium.balance import Balance, contact_said, material_said
 from physics.equilibrium.newton import TOLERANCE, Newton, NewtonMemory
 from physics.equilibrium.state import HALVINGS, NoEquilibrium, State, StatesMemory, best_order, polynomial
@@ -40,12 +40,12 @@ from physics.journal import Arrays
 from physics.mesh.cell import GAUSS
 from physics.mesh.mesh import Mesh
 from physics.motion.impact import Sweeping, bear
-from physics.scene import Load, Scene
+from physics.scene import Scene
 
 Floats = NDArray[np.float64]
 
 OF_STEPS: dict[str, Any] = {"reaction": np.mean, "reactions": np.mean, "newton_iterations": np.sum, "relative_residual": np.max,
-                            "penetration": np.max}
+                            "penetration": np.max}  # what a frame has of the steps that lead to it
 STOP = 10  # steps in which the smallest force that matters would stop the body
 
 
@@ -63,6 +63,10 @@ class Moving(Lumped):
         """A step of h [s] from displacements and velocities (N, 3) under mean outer forces (N, 3)."""
         self.start, self.velocity, self.outer, self.h = u, velocity, outer, h
         self.added = 2 / h**2
+
+    def weight(self, acceleration: Floats) -> Floats:
+        """(N, 3) [N] of a uniform acceleration (3,) [m/s2], by these masses, so that free nodes fall alike."""
+        return np.asarray(self.node_mass * acceleration)
 
     def add_stiffness(self, u: Floats, slot: NDArray[np.int32], out: NDArray[Any]) -> None:
         self.factored_h = self.h
@@ -100,17 +104,10 @@ class Motion:
         self.duration, self.body, self.fixed = scene.steps.duration, rest.body, rest.fixed
         self.balance = copy.copy(rest)
         self.balance.elasticity = self.moving = Moving(rest.body)
-        self.sudden = traction_load(replace(scene, load=tuple(load for load in scene.load if load.sudden)), mesh)  # (N, 3) [N]
-        for load in scene.load:
-            if load.sudden and load.acceleration is not None:
-                self.sudden = self.sudden + self.body.weight(np.array(load.acceleration))
-        self.growing = rest.load - self.sudden
-        for load in scene.load:
-            if load.sudden:
-                self.sudden = self.sudden + self._evened(load)
-            elif load.steps is None:
-                self.growing = self.growing + self._evened(load)
-        self.tabled = [(load, force + self._evened(load)) for load, force in rest.tabled]
+        weight = self.moving.weight
+        self.sudden = rest.full([load for load in scene.load if load.sudden], weight)  # (N, 3) [N]
+        self.growing = rest.full([load for load in scene.load if not (load.sudden or scheduled(load))], weight)
+        self.tabled = [(load, rest.full([load], weight)) for load, _ in rest.tabled]
         self.balance.tabled = []
         self.balance.load = np.zeros_like(rest.load)  # the loads are among the forces of the step
         self.balance.contact = None if rest.contact is None else Sweeping(rest.contact)
@@ -123,13 +120,6 @@ class Motion:
         self._floor = rest.floor
         acting = (self.sudden, self.growing, *(force for _, force in self.tabled))
         self._largest = max(float(np.linalg.norm(load)) for load in acting)  # [N] force so far, or to come
-
-    def _evened(self, load: Load) -> Floats:
-        """What a load (N, 3) [N] lacks for free nodes of these masses to fall alike: of second order a weight is shared out otherwise."""
-        if load.acceleration is None:
-            return np.zeros_like(self.balance.mesh.points)
-        acceleration = np.array(load.acceleration)
-        return np.asarray(self.moving.node_mass * acceleration - self.body.weight(acceleration))
 
     def advance(self, fraction: float, depth: int = 0) -> State:
         """The state at a later fraction of the duration, in several steps of time where one is too long. Raises `NoEquilibrium`."""
@@ -224,17 +214,22 @@ class Motion:
         """What is reported of the last state; each of the arrays is a row of one in `equilibrium.Solution`."""
         state = self.states[-1]
         found: dict[str, Any] = {
-            "displacement": state.u, "reaction": state.reaction, "energy": self.body.energy(state.u) if state.u.any() else 0.0,
-            "penetration": state.penetration, "newton_iterations": state.iterations, "relative_residual": state.residual,
-            "kinetic_energy": self.kinetic_energy, "snap": 0.0, "released": 0.0,
-            **state.of_each(len(self.balance.scene.obstacles))}
+            "displacement": state.u, "energy": self.body.energy(state.u) if state.u.any() else 0.0,
+            "kinetic_energy": self.kinetic_energy, "snap": 0.0, "released": 0.0, **self._of_step()}
         return {name: np.asarray(value) for name, value in found.items()}
 
-    @staticmethod
-    def of_steps(parts: list[Arrays]) -> Arrays:
-        """What a frame has of the several steps that lead to it: the last state, the mean force, all the work."""
-        each = {name: np.array([part[name] for part in parts]) for name in parts[0]}
-        return {name: OF_STEPS[name](rows, axis=0) if name in OF_STEPS else rows[-1] for name, rows in each.items()}
+    def frame_after(self, fractions: Iterable[float]) -> Arrays:
+        """The frame to which several steps lead, to these fractions of the duration: the last state, the mean force, all the work."""
+        parts = []
+        for fraction in fractions:
+            self.advance(fraction)
+            parts.append(self._of_step())
+        return self.frame() | {name: np.asarray(OF_STEPS[name]([part[name] for part in parts], axis=0)) for name in parts[0]}
+
+    def _of_step(self) -> dict[str, Any]:
+        state = self.states[-1]
+        return {"reaction": state.reaction, "penetration": state.penetration, "newton_iterations": state.iterations,
+                "relative_residual": state.residual, **state.of_each(len(self.balance.scene.obstacles))}
 
     def memory(self) -> MotionMemory:
         """What `recall` takes."""

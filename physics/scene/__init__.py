@@ -14,12 +14,12 @@ A scene is a TOML file, read into frozen dataclasses. Coordinates are Cartesian 
 state. Step s = 0 .. count is a fraction s/count of the loading; it is a time only in dynamic scenes.
 """
 
-from physics.scene.body import DRAWINGS, FOCUS, PLACES, PLANE_CELLS, Body, Material, Materials, Orthotropic, Where
+from physics.scene.body import DRAWINGS, FOCUS, PLACES, PLANE_CELLS, Body, Material, Materials, Orthotropic, Where, is_drawing
 from physics.scene.flow import FlowScene
 from physics.scene.parts import Load, Obstacle, Steps, Support
 from physics.scene.scene import Scene, beside, load_body, load_scene, load_solid, read_any, read_body, read_scene, scene_of
 
 __all__ = [
     "DRAWINGS", "FOCUS", "PLACES", "PLANE_CELLS", "Body", "FlowScene", "Load", "Material", "Materials", "Obstacle", "Orthotropic",
-    "Scene", "Steps", "Support", "Where", "beside", "load_body", "load_scene", "load_solid", "read_any", "read_body", "read_scene",
-    "scene_of"]
+    "Scene", "Steps", "Support", "Where", "beside", "is_drawing", "load_body", "load_scene", "load_solid", "read_any", "read_body",
+    "read_scene", "scene_of"]

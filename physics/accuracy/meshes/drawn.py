@@ -47,7 +47,6 @@ class Drawing:
         self.first, self.kind, self.dimension = first, first.cell, first.dimension
         self._meshes: dict[int, Mesh] = {}
         self._sizes: dict[int, Near] = {}
-        self._first: tuple[int, int] | None = None  # n and cells of the coarsest mesh made
 
     def mesh(self, n: int) -> Mesh:
         """Each made once: even, or graded by the finest mesh before it that has been learned from."""
@@ -57,14 +56,12 @@ class Drawing:
                 corners, cells, sizes = self._sizes[known]
                 near = corners, cells, sizes * (known / n)
             self._meshes[n] = build_mesh(self.body, Cut(self.longest / n, near=near))
-            self._first = self._first or (n, len(self._meshes[n].cells))
         return self._meshes[n]
 
     def learn(self, n: int, poses: Iterable[Floats], materials: Materials) -> None:
         """Take displacements (N, 3) of poses or modes on a mesh for what the finer ones should be; each counts as much."""
-        if self._first is not None:
-            many = self._first[1] * (n / self._first[0]) ** self.dimension
-            self._sizes[n] = proportions(self._meshes[n], poses, materials, many)
+        began, even = next(iter(self._meshes.items()))  # the mesh that was made first
+        self._sizes[n] = proportions(self._meshes[n], poses, materials, len(even.cells) * (n / began) ** self.dimension)
 
     @property
     def follows(self) -> bool:

@@ -160,7 +160,8 @@ def families(scene: Scene) -> list[MeshFamily]:
     width = min((Rigid(obstacle).width for obstacle in scene.obstacles), default=math.inf)
     width *= 1 if any(obstacle.contact == "nodes" for obstacle in scene.obstacles) else 2
     if body.drawn:
-        both = [Drawing(body, order, build_mesh(replace(body, order=1), Cut(parts=ALONG))) for order in (2, 1)]
+        cut = build_mesh(replace(body, order=1), Cut(parts=ALONG))
+        both = [Drawing(body, order, cut) for order in (2, 1)]
         if both[1].follows:
             n = max(ALONG, math.ceil(both[0].longest / width))
             return [MeshFamily(scene, one.body.order, (n,), ("along the drawing",), drawn=one) for one in both]

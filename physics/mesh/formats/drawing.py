@@ -201,16 +201,16 @@ def _script(path: Path, cut: Cut, around: int) -> str:
     """What gmsh does with a drawing when it is read: name its parts, take the sizes."""
     lines = [NAMES, "Mesh.SaveAll = 0; Mesh.SecondOrderLinear = 0; Mesh.HighOrderOptimize = 1;"]
     size = f"General.BoundingBoxSize / {cut.parts}" if cut.parts else None if cut.size is None else repr(float(cut.size))
-    if cut.near is None and size is not None:
+    if cut.near is not None:
+        lines.append(f"Mesh.MeshSizeExtendFromBoundary = 0; Mesh.MeshSizeFromPoints = 0; Mesh.MeshSizeFromCurvature = {around};")
+    elif size is not None:
         lines += [f"h = {size}; Mesh.MeshSizeMax = h; Mesh.MeshSizeFromPoints = 0; Mesh.MeshSizeFromCurvature = {around};",
                   "Background Field = -1;",
                   f"If (General.BoundingBoxSize > {FINEST} * h)",
                   f'  Error("cells of %g along a diagonal of %g: more than {FINEST}", h, General.BoundingBoxSize); Exit;',
                   "EndIf"]
-    elif cut.near is None and path.suffix.lower() in EXACT:
+    elif path.suffix.lower() in EXACT:
         lines.append(f"Mesh.MeshSizeFromCurvature = {around};")
-    elif cut.near is not None:
-        lines.append(f"Mesh.MeshSizeExtendFromBoundary = 0; Mesh.MeshSizeFromPoints = 0; Mesh.MeshSizeFromCurvature = {around};")
     return "\n".join([*lines, ""])
 
 
